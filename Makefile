@@ -1,0 +1,51 @@
+# Needs Python 3.11 or newer and a package registry; everything goes to .venv.
+PYTHON ?= python3
+VENV := .venv
+PY := $(VENV)/bin/python
+RUN := runs/demo
+DEPENDENCIES := setup.cfg pyproject.toml constraints.txt
+
+.PHONY: help demo test test-slow lint clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make demo       fit the bundled sample with the default configuration into $(RUN)"
+	@echo "make test       run the fast tests"
+	@echo "make test-slow  run the slow tests"
+	@echo "make lint       check style and formatting"
+	@echo "make clean      remove what the other targets made, $(VENV) included"
+
+$(VENV)/created:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is \
+	needed, this is %s; name another with make PYTHON=..." % sys.version.split()[0])'
+	$(PYTHON) -m venv $(VENV)
+	@touch $@
+
+$(VENV)/installed: $(VENV)/created $(DEPENDENCIES)
+	$(PY) -m pip install --quiet --editable . --constraint constraints.txt
+	@touch $@
+
+$(VENV)/installed-test: $(VENV)/created $(DEPENDENCIES)
+	$(PY) -m pip install --quiet --editable ".[test]" --constraint constraints.txt
+	@touch $@ $(VENV)/installed
+
+demo: $(VENV)/installed
+	rm -rf $(RUN)
+	@mkdir -p $(dir $(RUN))
+	$(PY) -m spmm_torch.fit \
+	"$$($(PY) -c 'from spmm_torch.data import sample_path; print(sample_path())')" -o $(RUN)
+	@echo "The report lies in $(RUN)/report.html"
+
+test: $(VENV)/installed-test
+	$(PY) -m pytest -m "not slow and not gpu"
+
+test-slow: $(VENV)/installed-test
+	$(PY) -m pytest -m "slow and not gpu"
+
+lint: $(VENV)/installed-test
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+
+clean:
+	rm -rf $(VENV) $(RUN) build dist *.egg-info .hypothesis .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

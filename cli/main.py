@@ -1,0 +1,35 @@
+"""`spmm COMMAND ...`: one subcommand for each job."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+from spmm_torch import __version__, fit
+
+COMMANDS: dict[str, tuple[Callable[[list[str]], int], str]] = {
+    "fit": (fit.main, "fit a model to a BTF: spmm fit INPUT -o RUN"),
+}
+
+
+def usage() -> str:
+    """What `spmm --help` prints."""
+    rows = "\n".join(f"  {name:<10} {meaning}" for name, (_, meaning) in COMMANDS.items())
+    head = f"spmm {__version__}\n\nusage: spmm COMMAND ..."
+    return f"{head}\n\n{rows}\n\nspmm COMMAND --help tells more."
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs a subcommand and returns its exit code; 2 for bad input."""
+    given = sys.argv[1:] if arguments is None else arguments
+    if not given or given[0] in ("-h", "--help"):
+        print(usage())
+        return 0 if given else 2
+    if given[0] == "--version":
+        print(__version__)
+        return 0
+    if given[0] not in COMMANDS:
+        known = ", ".join(COMMANDS)
+        print(f"error: unknown command {given[0]}; expected one of {known}.", file=sys.stderr)
+        return 2
+    return COMMANDS[given[0]][0](given[1:])

@@ -1,0 +1,20 @@
+"""Sparse parametric mixture models for measured bidirectional texture functions [WDR11]."""
+
+from __future__ import annotations
+
+from .config import FitConfig
+from .data import BTF, load_btf
+from .errors import ConfigError, DataError, OutputError, SPMMError
+from .model import SPMM
+
+__version__ = "0.1.0"
+__all__ = [
+    "BTF",
+    "SPMM",
+    "ConfigError",
+    "DataError",
+    "FitConfig",
+    "OutputError",
+    "SPMMError",
+    "load_btf",
+]

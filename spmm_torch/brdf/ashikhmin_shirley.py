@@ -1,0 +1,54 @@
+"""Ashikhmin-Shirley: an anisotropic Phong lobe of the half vector with Schlick's Fresnel term."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from .base import Parameter, above_horizon, guarded_cosines, half_vector, schlick_fresnel
+
+# Squared sine of the half vector under which its azimuth does not matter.
+PLANAR_EPS = 1e-12
+
+
+class AshikhminShirley:
+    """The specular term of Ashikhmin and Shirley [AS00, §2].
+
+    f_r = sqrt((nu + 1)(nv + 1)) / (8 pi) (n.h)^(nu cos^2 phi_h + nv sin^2 phi_h)
+    / ((h.wi) max(n.wi, n.wo)) F(h.wi). Its diffuse companion is left to the other lobes.
+
+    | parameter | range | meaning |
+    |---|---|---|
+    | exponent_x, exponent_y | 0.1 to 10,000 | sharpness along tangent and bitangent |
+    | f0 | 0.01 to 1 | reflectance at normal incidence |
+    """
+
+    name = "ashikhmin_shirley"
+    parameters = (
+        Parameter(
+            "exponent_x", 0.1, 1e4, "log", "sharpness, tangent", lambda width: 2.0 / width**2
+        ),
+        Parameter(
+            "exponent_y", 0.1, 1e4, "log", "sharpness, bitangent", lambda width: 2.0 / width**2
+        ),
+        Parameter("f0", 0.01, 1.0, "linear", "reflectance at normal incidence"),
+    )
+    anisotropic = True
+    reciprocal = True
+
+    def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """f_r in 1/sr; see `BRDF.eval`."""
+        n_x, n_y, f0 = kappa[..., 0], kappa[..., 1], kappa[..., 2]
+        cos_theta_i, cos_theta_o = guarded_cosines(wi, wo)
+        h = half_vector(wi, wo)
+        # log(n.h) / sin^2(theta_h) is finite at the pole, where the azimuth is not defined.
+        log_cos_theta_h = -0.5 * torch.log1p(h.planar_squared / (h.z * h.z))
+        exponent = (n_x * h.x_squared + n_y * h.y_squared) / h.planar_squared.clamp(min=PLANAR_EPS)
+        lobe = torch.exp(exponent * log_cos_theta_h)
+        cos_theta_d = h.cos_theta_d
+        scale = torch.sqrt((n_x + 1.0) * (n_y + 1.0)) / (8.0 * math.pi)
+        facing = cos_theta_d * torch.maximum(cos_theta_i, cos_theta_o)
+        value = scale * lobe * schlick_fresnel(f0, cos_theta_d) / facing
+        return value * above_horizon(wi, wo)

@@ -1,0 +1,113 @@
+"""What every analytical BRDF is: a name, a table of parameters, and `eval` in its local frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+INV_PI = 1.0 / math.pi
+# Cosines are kept from zero in denominators: 0.06 degrees above the horizon no gonioreflectometer
+# measures any more, and powers of 1/cos stay far from overflow in float32.
+COS_EPS = 1e-3
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One row of a BRDF's parameter table.
+
+    Attributes:
+        name: the field's name for it.
+        low, high: physical bounds, inclusive.
+        scale: `"linear"`, or `"log"` where ratios matter; the search moves on this scale.
+        meaning: what it does, with its unit.
+        from_width: for a parameter that sets the width of the lobe, its value for a lobe of
+            given angular width (radians, root mean square slope of the half vector); None for
+            the others.
+    """
+
+    name: str
+    low: float
+    high: float
+    scale: str
+    meaning: str
+    from_width: Callable[[float], float] | None = None
+
+    def to_unit(self, value: Tensor) -> Tensor:
+        """Maps `[low, high]` to `[0, 1]` on the parameter's scale."""
+        if self.scale == "log":
+            return torch.log(value / self.low) / math.log(self.high / self.low)
+        return (value - self.low) / (self.high - self.low)
+
+    def from_unit(self, unit: Tensor) -> Tensor:
+        """Maps `[0, 1]` to `[low, high]` on the parameter's scale."""
+        if self.scale == "log":
+            return self.low * torch.exp(unit * math.log(self.high / self.low))
+        return self.low + unit * (self.high - self.low)
+
+
+class BRDF(Protocol):
+    """An analytical BRDF in its local frame, where z is the normal and x the tangent."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    anisotropic: bool
+    reciprocal: bool
+
+    def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """f_r without the cosine, in 1/sr: kappa `[..., P]`, wi and wo `[..., 3]` -> `[...]`.
+
+        Leading dimensions broadcast. The value is 0 where wi or wo is under the horizon; values
+        and gradients are finite everywhere.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class HalfVector:
+    """Products of the unnormalized half vector wi + wo, all `[...]`, that the models share."""
+
+    x_squared: Tensor
+    y_squared: Tensor
+    z: Tensor
+    length_squared: Tensor
+
+    @property
+    def planar_squared(self) -> Tensor:
+        """Squared length of its projection on the surface."""
+        return self.x_squared + self.y_squared
+
+    @property
+    def cos_theta_d(self) -> Tensor:
+        """Cosine of the difference angle, h . wi: half the length of wi + wo."""
+        return 0.5 * torch.sqrt(self.length_squared)
+
+
+def half_vector(wi: Tensor, wo: Tensor) -> HalfVector:
+    """The half vector of local wi and wo `[..., 3]`; z is kept from zero, for opposite ones."""
+    x = wi[..., 0] + wo[..., 0]
+    y = wi[..., 1] + wo[..., 1]
+    z = (wi[..., 2] + wo[..., 2]).clamp(min=COS_EPS)
+    x_squared, y_squared = x * x, y * y
+    return HalfVector(x_squared, y_squared, z, x_squared + y_squared + z * z)
+
+
+def above_horizon(wi: Tensor, wo: Tensor) -> Tensor:
+    """True where both local directions `[..., 3]` are above the horizon."""
+    return (wi[..., 2] > 0.0) & (wo[..., 2] > 0.0)
+
+
+def guarded_cosines(wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+    """(cos_theta_i, cos_theta_o), kept from zero so that they may stand in a denominator."""
+    return wi[..., 2].clamp(min=COS_EPS), wo[..., 2].clamp(min=COS_EPS)
+
+
+def schlick_fresnel(f0: Tensor, cos_theta_d: Tensor) -> Tensor:
+    """Schlick's approximation of the Fresnel term [Schlick 1994]; f0 at normal incidence."""
+    grazing = (1.0 - cos_theta_d).clamp(min=0.0)
+    squared = grazing * grazing
+    return f0 + (1.0 - f0) * squared * squared * grazing

@@ -1,0 +1,39 @@
+"""Blinn-Phong: a cosine power of the half vector."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from .base import Parameter, above_horizon, half_vector
+
+
+class BlinnPhong:
+    """f_r = c(n) (n . h)^n [Blinn 1977], as compared by [NDM05, §2].
+
+    c(n) = (n + 2)(n + 4) / (8 pi (2^(-n/2) + n)) makes the albedo 1 at normal incidence, where
+    it is largest (F. Giesen, 2009, derives it).
+
+    | parameter | range | meaning |
+    |---|---|---|
+    | exponent | 0.1 to 10,000 | sharpness; about 2 / alpha^2 of a microfacet model |
+    """
+
+    name = "blinn_phong"
+    parameters = (
+        Parameter(
+            "exponent", 0.1, 1e4, "log", "sharpness of the lobe", lambda width: 2.0 / width**2
+        ),
+    )
+    anisotropic = False
+    reciprocal = True
+
+    def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """f_r in 1/sr; see `BRDF.eval`."""
+        n = kappa[..., 0]
+        h = half_vector(wi, wo)
+        log_cos_theta_h = -0.5 * torch.log1p(h.planar_squared / (h.z * h.z))
+        scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (torch.exp2(-0.5 * n) + n))
+        return scale * torch.exp(n * log_cos_theta_h) * above_horizon(wi, wo)

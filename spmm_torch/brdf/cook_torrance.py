@@ -1,0 +1,53 @@
+"""Cook-Torrance: Beckmann microfacets in V-grooves with Schlick's Fresnel term."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .base import (
+    INV_PI,
+    Parameter,
+    above_horizon,
+    guarded_cosines,
+    half_vector,
+    schlick_fresnel,
+)
+
+
+class CookTorrance:
+    """f_r = F D G / (4 cos_theta_i cos_theta_o) [CT82], as compared by [NDM05, §2].
+
+    D is Beckmann's distribution with root mean square slope alpha, normalized over projected
+    area (hence 4 where the original has pi); G = min(1, 2 (n.h)(n.wo) / (wo.h),
+    2 (n.h)(n.wi) / (wo.h)) is the V-groove term; F is Schlick's.
+
+    | parameter | range | meaning |
+    |---|---|---|
+    | alpha | 0.01 to 1 | root mean square slope of the microfacets |
+    | f0 | 0.01 to 1 | reflectance at normal incidence |
+    """
+
+    name = "cook_torrance"
+    parameters = (
+        Parameter("alpha", 0.01, 1.0, "log", "slope of the microfacets", lambda width: width),
+        Parameter("f0", 0.01, 1.0, "linear", "reflectance at normal incidence"),
+    )
+    anisotropic = False
+    reciprocal = True
+
+    def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """f_r in 1/sr; see `BRDF.eval`."""
+        alpha_squared = kappa[..., 0] ** 2
+        cos_theta_i, cos_theta_o = guarded_cosines(wi, wo)
+        h = half_vector(wi, wo)
+        z_squared = h.z * h.z
+        tan_squared = h.planar_squared / z_squared
+        sec_squared = h.length_squared / z_squared
+        beckmann = torch.exp(-tan_squared / alpha_squared) * sec_squared * sec_squared
+        # With h unnormalized, 2 (n.h)(n.w) / (w.h) is 4 z (n.w) / |wi + wo|^2.
+        groove = 4.0 * h.z / h.length_squared * torch.minimum(cos_theta_i, cos_theta_o)
+        fresnel = schlick_fresnel(kappa[..., 1], h.cos_theta_d)
+        scale = 0.25 * INV_PI / (alpha_squared * cos_theta_i)
+        value = scale / cos_theta_o * beckmann * fresnel * groove.clamp(max=1.0)
+        return value * above_horizon(wi, wo)

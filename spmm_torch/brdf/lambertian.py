@@ -1,0 +1,23 @@
+"""Lambertian reflection: the same radiance in every direction."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from .base import INV_PI, Parameter, above_horizon
+
+
+class Lambertian:
+    """f_r = 1 / pi [Lambert 1760]. No parameters."""
+
+    name = "lambertian"
+    parameters: tuple[Parameter, ...] = ()
+    anisotropic = False
+    reciprocal = True
+
+    def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """f_r in 1/sr; see `BRDF.eval`."""
+        lit = above_horizon(wi, wo)
+        shape = torch.broadcast_shapes(kappa.shape[:-1], lit.shape)
+        return (INV_PI * lit.to(wi.dtype)).expand(shape)

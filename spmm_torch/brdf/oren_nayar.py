@@ -1,0 +1,41 @@
+"""Oren-Nayar: rough diffuse surfaces made of Lambertian V-grooves."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from .base import INV_PI, Parameter, above_horizon, guarded_cosines
+
+
+class OrenNayar:
+    """The qualitative model of Oren and Nayar [ON94, Eq. 30], without inter-reflection.
+
+    f_r = (A + B max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta)) / pi, with
+    A = 1 - 0.5 s^2 / (s^2 + 0.33), B = 0.45 s^2 / (s^2 + 0.09) and s the roughness.
+
+    | parameter | range | meaning |
+    |---|---|---|
+    | sigma | 0 to pi/2 rad | standard deviation of the groove angle; 0 is Lambertian |
+    """
+
+    name = "oren_nayar"
+    parameters = (
+        Parameter("sigma", 0.0, math.pi / 2.0, "linear", "standard deviation of slope angle, rad"),
+    )
+    anisotropic = False
+    reciprocal = True
+
+    def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """f_r in 1/sr; see `BRDF.eval`."""
+        sigma_squared = kappa[..., 0] ** 2
+        a = 1.0 - 0.5 * sigma_squared / (sigma_squared + 0.33)
+        b = 0.45 * sigma_squared / (sigma_squared + 0.09)
+        cos_theta_i, cos_theta_o = guarded_cosines(wi, wo)
+        # cos(phi_i - phi_o) sin(alpha) tan(beta) is the product of the projections on the
+        # surface over the larger of both cosines.
+        planar = wi[..., 0] * wo[..., 0] + wi[..., 1] * wo[..., 1]
+        swing = planar.clamp(min=0.0) / torch.maximum(cos_theta_i, cos_theta_o)
+        return INV_PI * (a + b * swing) * above_horizon(wi, wo)

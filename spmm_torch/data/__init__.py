@@ -1,0 +1,68 @@
+"""BTF data: one lazy texel-major `BTF`, and one module for each file format.
+
+A reader is a module with `accepts(path) -> bool`, which judges by content and not by extension,
+and `read(path, options) -> BTF`. A new format = one module and one entry in `READERS`.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from types import ModuleType
+
+from ..errors import DataError
+from . import npz, ubo2003
+from .btf import BTF, DISPLAY_GAMMA
+from .npz import write_npz
+from .options import ReadOptions
+from .store import Progress
+
+__all__ = ["BTF", "READERS", "Progress", "ReadOptions", "load_btf", "sample_path", "write_npz"]
+
+READERS: tuple[ModuleType, ...] = (npz, ubo2003)
+SAMPLE_NAME = "WEAVE40.zip"
+EXPECTED = (
+    "expected a UBO2003 zip or folder (pictures named like "
+    "'00008 tl000 pl000 tv030 pv030.jpg') or an NPZ with values, view and light"
+)
+
+
+def load_btf(path: Path | str, *, gamma: float = DISPLAY_GAMMA, threads: int = 0) -> BTF:
+    """Open a BTF of any known format; its pictures are decoded at first use.
+
+    Args:
+        path: a zip, folder or NPZ.
+        gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
+        threads: how many pictures are decoded at once; 0 = one for each core.
+
+    Raises:
+        DataError: nothing there, no known format, or malformed.
+        ConfigError: an option out of its range.
+    """
+    options = ReadOptions(gamma=gamma, threads=threads)
+    source = Path(path)
+    if not source.exists():
+        raise DataError(f"{path} does not exist; {EXPECTED}; check the path.")
+    try:
+        for reader in READERS:
+            if reader.accepts(source):
+                return reader.read(path, options)
+    except OSError as error:
+        raise DataError(
+            f"{path} cannot be read ({error}); {EXPECTED}; check its permissions."
+        ) from error
+    raise DataError(f"{path} {_complaint(source)}; {EXPECTED}; check that it is the right one.")
+
+
+def _complaint(path: Path) -> str:
+    """Why no reader accepts a path that exists."""
+    if path.is_dir():
+        return "is an empty folder" if not any(path.iterdir()) else "holds no BTF pictures"
+    if zipfile.is_zipfile(path):
+        return "is a zip without BTF pictures"
+    return "is neither a complete zip nor a folder"
+
+
+def sample_path() -> Path:
+    """The bundled sample: 40 x 40 texels of a path-traced plain weave, UBO2003 format."""
+    return Path(__file__).parent / "sample" / SAMPLE_NAME

@@ -1,0 +1,46 @@
+"""What a caller may say about how a BTF is to be read; each reader heeds what concerns it."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+from ..errors import ConfigError
+from .btf import DISPLAY_GAMMA
+
+# Decoding of small pictures is bound by the interpreter lock: more threads gain nothing.
+MAX_THREADS = 8
+
+
+@dataclass(frozen=True)
+class ReadOptions:
+    """Options of all readers.
+
+    Args:
+        gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
+        threads: how many pictures are decoded at once; 0 = one for each core, 8 at most.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    gamma: float = DISPLAY_GAMMA
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.gamma) and self.gamma > 0.0):
+            raise ConfigError(
+                f"gamma is {self.gamma}; expected a positive number; use {DISPLAY_GAMMA} for "
+                f"display-encoded pictures and 1.0 for linear ones."
+            )
+        if self.threads < 0:
+            raise ConfigError(f"threads is {self.threads}; expected 0 (one for each core) or more.")
+
+    @property
+    def thread_count(self) -> int:
+        """Number of threads to start."""
+        return self.threads or min(os.cpu_count() or 1, MAX_THREADS)
+
+
+DEFAULT_OPTIONS = ReadOptions()

@@ -1,0 +1,40 @@
+"""Squared errors of a fit, and what they are in decibels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Sums of squares over texels, direction pairs and channels.
+
+    Attributes:
+        energy: of the values.
+        without_residual: of the errors of lobes alone.
+        with_residual: of the errors of the whole model, the residual as it is stored.
+        cluster_mean: of the errors that the bare mean of each cluster would leave.
+    """
+
+    energy: float
+    without_residual: float
+    with_residual: float
+    cluster_mean: float
+
+    @staticmethod
+    def sum(parts: Iterable[Totals]) -> Totals:
+        """The totals of all parts together."""
+        rows = [(p.energy, p.without_residual, p.with_residual, p.cluster_mean) for p in parts]
+        return Totals(*(math.fsum(column) for column in zip(*rows, strict=True)))
+
+
+def snr_db(energy: float, error: float) -> float:
+    """10 log10(sum y^2 / sum e^2); infinite for a perfect fit."""
+    return math.inf if error <= 0.0 else 10.0 * math.log10(energy / error)
+
+
+def psnr_db(peak: float, error: float, count: int) -> float:
+    """10 log10(peak^2 / mean e^2) of `count` values; infinite for a perfect fit."""
+    return math.inf if error <= 0.0 else 10.0 * math.log10(peak * peak * count / error)

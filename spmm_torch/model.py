@@ -1,0 +1,233 @@
+"""The sparse parametric mixture model as a torch module [WDR11 Eq. 2]."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from . import store
+from .brdf import MODEL_NAMES
+from .geometry import texel_at
+from .lobe import LobeBatch
+from .residual import Residual
+
+# (query, lobe) entries that are evaluated at once: a few hundred MB with their gradients.
+BLOCK_ENTRIES = 1 << 21
+
+
+@dataclass(frozen=True)
+class SparseWeights:
+    """Lobes and weights of every texel, without padding.
+
+    Attributes:
+        offset: where each texel's entries start, `[T + 1]` long.
+        index: lobe of each entry, `[N]` long.
+        weight: its weights, `[N, C]`.
+    """
+
+    offset: Tensor
+    index: Tensor
+    weight: Tensor
+
+
+class SPMM(nn.Module):
+    """T = H x W texels, each a short non-negative sum of J shared lobes, plus a cluster residual.
+
+    s_x(wi, wo) = sum_j alpha_j rho_j(wi, wo) + epsilon_k(wi, wo) [WDR11 Eq. 2]. All of alpha,
+    kappa, normals and epsilon are parameters; only epsilon starts without gradient.
+
+    Args:
+        height, width: of the texture.
+        lobes: the dictionary, J lobes.
+        weights: entries of all texels.
+        labels: cluster of each texel, `[T]`.
+        residual: epsilon of each cluster.
+        light, view: measured directions `[L, 3]`, `[V, 3]`.
+        name: of the material.
+    """
+
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        lobes: LobeBatch,
+        weights: SparseWeights,
+        labels: Tensor,
+        residual: Residual,
+        light: Tensor,
+        view: Tensor,
+        name: str = "",
+    ) -> None:
+        super().__init__()
+        self.height, self.width, self.name = height, width, name
+        self.lobe_model = lobes.model
+        self.kappa = nn.Parameter(lobes.kappa)
+        self.normal = nn.Parameter(lobes.normal)
+        self.angle = nn.Parameter(lobes.angle)
+        self.weight = nn.Parameter(weights.weight)
+        self.register_buffer("offset", weights.offset)
+        self.register_buffer("index", weights.index)
+        self.register_buffer("labels", labels)
+        self.residual = residual
+        self.register_buffer("light", light)
+        self.register_buffer("view", view)
+
+    @classmethod
+    def load(cls, run: Path | str, device: torch.device | str = "cpu") -> SPMM:
+        """The model of a run folder, or of a `model.safetensors` file.
+
+        Raises:
+            OutputError: nothing there, or not a model of a version this program reads.
+        """
+        return cls.from_tensors(*store.read(run, device))
+
+    def pack(self) -> bytes:
+        """The content of a model file."""
+        return store.pack(*self.to_tensors())
+
+    def to_tensors(self) -> tuple[dict[str, Tensor], dict[str, str]]:
+        """Everything that a reader needs, in compact types: (tensors, metadata)."""
+        tensors = {
+            "weights.count": store.narrow(self.lobe_count_per_texel()),
+            "weights.index": store.narrow(self.index),
+            "weights.weight": self.weight,
+            "weights.label": store.narrow(self.labels),
+            "dictionary.model": store.narrow(self.lobe_model),
+            "dictionary.kappa": self.kappa,
+            "dictionary.normal": self.normal,
+            "dictionary.angle": self.angle,
+            "residual.code": self.residual.code,
+            "residual.scale": self.residual.scale,
+            "directions.light": self.light,
+            "directions.view": self.view,
+        }
+        size = {"height": str(self.height), "width": str(self.width)}
+        return tensors, {"name": self.name, "models": json.dumps(MODEL_NAMES), **size}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor], metadata: dict[str, str]) -> SPMM:
+        """The model of `to_tensors`; BRDFs are found by their names."""
+        names = json.loads(metadata["models"])
+        place = torch.tensor([MODEL_NAMES.index(name) for name in names])
+        lobes = LobeBatch(
+            place[tensors["dictionary.model"].cpu().long()],
+            *(tensors[f"dictionary.{part}"] for part in ("kappa", "normal", "angle")),
+        )
+        count = tensors["weights.count"].long()
+        offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
+        weights = SparseWeights(offset, tensors["weights.index"].long(), tensors["weights.weight"])
+        light, view = tensors["directions.light"], tensors["directions.view"]
+        residual = Residual(tensors["residual.code"], tensors["residual.scale"], light, view)
+        height, width = int(metadata["height"]), int(metadata["width"])
+        labels = tensors["weights.label"].long()
+        return cls(height, width, lobes, weights, labels, residual, light, view, metadata["name"])
+
+    def byte_counts(self) -> dict[str, int]:
+        """Stored bytes of weights, dictionary and residual, and of the whole file."""
+        counts = dict.fromkeys(("weights", "dictionary", "residual"), 0)
+        for name, tensor in self.to_tensors()[0].items():
+            part = name.partition(".")[0]
+            if part in counts:
+                counts[part] += tensor.numel() * tensor.element_size()
+        return {**counts, "total": len(self.pack())}
+
+    @property
+    def dictionary(self) -> LobeBatch:
+        """The J lobes."""
+        return LobeBatch(self.lobe_model, self.kappa, self.normal, self.angle)
+
+    @property
+    def cluster_count(self) -> int:
+        """K."""
+        return len(self.residual.code)
+
+    @property
+    def texel_count(self) -> int:
+        """T."""
+        return self.height * self.width
+
+    @property
+    def sparse_weights(self) -> SparseWeights:
+        """The entries of all texels."""
+        return SparseWeights(self.offset, self.index, self.weight)
+
+    def forward(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
+        """Cosine-weighted reflectance [WDR11 Eq. 2].
+
+        Texels are interpolated bilinearly and the texture repeats; texel centres return the
+        texel itself. Lobes are analytic, so any directions may be asked for; the residual is
+        interpolated between the measured ones, and being signed it can bring a value a little
+        below zero.
+
+        Args:
+            uv: texture coordinates `[..., 2]`, u right, v up.
+            wi, wo: unit light and view directions `[..., 3]`, pointing away from the surface.
+            residual: whether to add epsilon.
+
+        Returns:
+            Linear RGB `[..., C]`; 0 where wi or wo is under the horizon. Differentiable.
+        """
+        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        uv, wi, wo = (x.expand(*shape, x.shape[-1]).flatten(0, -2) for x in (uv, wi, wo))
+        texel, share = texel_at(uv, self.height, self.width)  # [Q, 4]
+        longest = max(1, int(self.lobe_count_per_texel().max()))
+        size = max(1, BLOCK_ENTRIES // (4 * longest))
+        parts = [
+            self._forward_block(*block, residual)
+            for block in zip(
+                texel.split(size), share.split(size), wi.split(size), wo.split(size), strict=True
+            )
+        ]
+        return torch.cat(parts).view(*shape, -1)
+
+    def _forward_block(
+        self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor, residual: bool
+    ) -> Tensor:
+        """`forward` of Q queries: texel and share `[Q, 4]`, wi and wo `[Q, 3]`."""
+        query, entry = self._entries(texel, share)
+        lobe = self.index[entry]
+        q = torch.div(query, 4, rounding_mode="floor")
+        rho = self.dictionary[lobe].eval(wi[q][:, None], wo[q][:, None]).squeeze(1)  # [N]
+        value = self.weight[entry] * (rho * share.flatten()[query])[:, None]  # [N, C]
+        total = value.new_zeros(len(wi), value.shape[1]).index_add(0, q, value)
+        if residual:
+            for corner in range(4):
+                epsilon = self.residual(self.labels[texel[:, corner]], wi, wo)
+                total = total + share[:, corner, None] * epsilon
+        return total
+
+    def _entries(self, texel: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
+        """(position in `texel`, entry) of every lobe that a query meets, both `[N]`."""
+        flat = texel.flatten()
+        start = self.offset[flat]
+        count = (self.offset[flat + 1] - start) * (share.flatten() != 0.0)
+        query = torch.repeat_interleave(count)
+        first = torch.cumsum(count, 0) - count
+        within = torch.arange(len(query), device=query.device) - first[query]
+        return query, start[query] + within
+
+    def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
+        """Every texel under one light and view `[3]`: `[H, W, C]`, row 0 at the top."""
+        rho = self.dictionary.eval(wi[None, None], wo[None, None]).squeeze(1)  # [J]
+        value = self.weight * rho[self.index, None]  # [N, C]
+        texel = torch.repeat_interleave(self.lobe_count_per_texel())
+        total = value.new_zeros(self.texel_count, value.shape[1]).index_add(0, texel, value)
+        if residual:
+            cluster = torch.arange(self.cluster_count, device=wi.device)
+            pair = (len(cluster), 3)
+            total = total + self.residual(cluster, wi.expand(pair), wo.expand(pair))[self.labels]
+        return total.view(self.height, self.width, -1)
+
+    def lobe_count_per_texel(self) -> Tensor:
+        """Lobes of each texel, `[T]`."""
+        return self.offset[1:] - self.offset[:-1]
+
+    def lobe_use_by_model(self) -> dict[str, int]:
+        """How many (texel, lobe) entries use each BRDF that is in use, most used first."""
+        counts = Counter(self.lobe_model[self.index.cpu()].tolist())
+        return {MODEL_NAMES[model]: count for model, count in counts.most_common()}

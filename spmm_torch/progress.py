@@ -1,0 +1,159 @@
+"""Progress of long stages: a bar with the time left on a terminal, sparse plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TextIO
+
+from tqdm import tqdm
+
+# A plain line at most this often, in seconds: a log stays readable, and a stalled run shows.
+LINE_INTERVAL = 10.0
+MINUTE, HOUR = 60, 3600
+# A stage without a total has nothing to fill a bar with.
+OPEN_BAR = "{desc}: {n_fmt}{unit} [{elapsed}]"
+
+
+class Progress:
+    """Tells how far a run is.
+
+    Args:
+        stream: where to tell; standard error if None.
+        enabled: False keeps the stream silent, for use as a library; the log is still written.
+        log: file that gets every plain line, appended; its folder must exist.
+        interval: seconds between two plain lines of a stage.
+        clock: seconds from any origin.
+    """
+
+    def __init__(
+        self,
+        stream: TextIO | None = None,
+        enabled: bool = True,
+        log: Path | None = None,
+        *,
+        interval: float = LINE_INTERVAL,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.stream = sys.stderr if stream is None else stream
+        self.enabled = enabled
+        self.log = log
+        self.interval = interval
+        self.clock = clock
+
+    @property
+    def on_terminal(self) -> bool:
+        """Whether a bar is shown instead of lines."""
+        return self.enabled and self.stream.isatty()
+
+    def say(self, text: str) -> None:
+        """Write one line; an open bar is kept below it."""
+        if self.on_terminal:
+            tqdm.write(text, file=self.stream)
+        self.write_line(text)
+
+    @contextmanager
+    def stage(self, name: str, total: int | None = None, unit: str = "") -> Iterator[Stage]:
+        """One stage of `total` units; yields what counts them: `advance(8)`.
+
+        Args:
+            name: of the stage.
+            total: how many units there are; None if that is not known.
+            unit: what is counted, in the plural.
+        """
+        stage = Stage(self, name, total, unit)
+        stage.begin()
+        outcome = "stopped after"
+        try:
+            yield stage
+            outcome = "done in"
+        finally:
+            stage.end(outcome)
+
+    def write_line(self, text: str) -> None:
+        """A plain line, to the log and to a stream that is no terminal."""
+        if self.enabled and not self.on_terminal:
+            print(text, file=self.stream, flush=True)
+        if self.log is not None:
+            # Not held open, so that the folder of a run can be renamed.
+            with self.log.open("a", encoding="utf-8") as file:
+                file.write(text + "\n")
+
+
+class Stage:
+    """Counts the units that one stage has done; made by `Progress.stage`."""
+
+    def __init__(self, progress: Progress, name: str, total: int | None, unit: str) -> None:
+        self.progress = progress
+        self.name = name
+        self.total = total
+        self.unit = unit
+        self.done = 0
+        self._started = self._last_line = progress.clock()
+        self._bar: tqdm | None = None
+
+    def __call__(self, count: int = 1) -> None:
+        """`count` more units are done."""
+        self.done += count
+        if self._bar is not None:
+            self._bar.update(count)
+        now = self.progress.clock()
+        if now - self._last_line >= self.progress.interval:
+            self._last_line = now
+            self.progress.write_line(f"{self.name}: {self._state(now - self._started)}")
+
+    def to(self, done: int, total: int | None = None) -> None:
+        """`done` units are done so far, of `total` if given: the form that `BTF.load` calls."""
+        if total is not None and total != self.total:
+            self.total = total
+            if self._bar is not None:
+                self._bar.total = total
+        self(done - self.done)
+
+    def begin(self) -> None:
+        """Open the bar, or write the first line."""
+        if self.progress.on_terminal:
+            self._bar = tqdm(
+                total=self.total,
+                desc=self.name,
+                unit=f" {self.unit}" if self.unit else "",
+                file=self.progress.stream,
+                dynamic_ncols=True,
+                bar_format=None if self.total else OPEN_BAR,
+            )
+        self.progress.write_line(
+            f"{self.name}: {self._count(self.total)}" if self.total else f"{self.name}: started"
+        )
+
+    def end(self, outcome: str) -> None:
+        """Close the bar and write the last line: `outcome` and the seconds taken."""
+        if self._bar is not None:
+            self._bar.close()
+        seconds = self.progress.clock() - self._started
+        self.progress.write_line(f"{self.name}: {outcome} {seconds:.1f} s")
+
+    def _state(self, elapsed: float) -> str:
+        if not self.total:
+            return f"{self._count(self.done)} after {duration(elapsed)}"
+        percentage = min(100.0 * self.done / self.total, 100.0)
+        text = f"{percentage:.0f} % ({self.done} of {self._count(self.total)})"
+        if self.done:
+            left = elapsed * max(self.total - self.done, 0) / self.done
+            text += f", {duration(left)} left"
+        return text
+
+    def _count(self, count: int | None) -> str:
+        return f"{count} {self.unit}".rstrip()
+
+
+def duration(seconds: float) -> str:
+    """Whole seconds for people: `42 s`, `3 min 05 s`, `1 h 02 min`."""
+    whole = round(seconds)
+    if whole < MINUTE:
+        return f"{whole} s"
+    if whole < HOUR:
+        return f"{whole // MINUTE} min {whole % MINUTE:02d} s"
+    return f"{whole // HOUR} h {whole % HOUR // MINUTE:02d} min"

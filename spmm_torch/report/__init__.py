@@ -1,0 +1,8 @@
+"""What a run found: `report.json` for programs and `report.html` for people."""
+
+from __future__ import annotations
+
+from .contract import REPORT_KEYS, check_report, write_report
+from .page import write_html
+
+__all__ = ["REPORT_KEYS", "check_report", "write_html", "write_report"]

@@ -1,0 +1,69 @@
+"""Which direction pairs the page shows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..geometry import direction_from_angles
+
+# What is looked for: title, then polar and azimuth degrees of light and view. The picture's top
+# is at 90 degrees.
+WANTED = (
+    ("Light and view from above", (0.0, 0.0), (0.0, 0.0)),
+    ("Light at 45°, view from above", (45.0, 135.0), (0.0, 0.0)),
+    ("Near the mirror direction", (60.0, 90.0), (60.0, 270.0)),
+    ("Grazing light", (75.0, 180.0), (30.0, 270.0)),
+    ("Grazing view", (45.0, 90.0), (75.0, 0.0)),
+)
+# A measured direction further from the wanted one than this does not show what the title says.
+MAX_DISTANCE = math.radians(25.0)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One direction pair to show, by its indices among lights and views."""
+
+    title: str
+    light: int
+    view: int
+
+
+def choose_pairs(light: Tensor, view: Tensor) -> tuple[Pair, ...]:
+    """The measured pairs that show most: from above, oblique, near mirror, grazing.
+
+    Args:
+        light: unit vectors `[L, 3]`.
+        view: unit vectors `[V, 3]`.
+
+    Returns:
+        At least one pair, no pair twice; wanted ones that were not measured are left out.
+    """
+    chosen: dict[tuple[int, int], Pair] = {}
+    for title, wanted_light, wanted_view in WANTED:
+        light_index, light_distance = _nearest(light, *wanted_light)
+        view_index, view_distance = _nearest(view, *wanted_view)
+        if max(light_distance, view_distance) <= MAX_DISTANCE:
+            pair = Pair(title, light_index, view_index)
+            chosen.setdefault((light_index, view_index), pair)
+    return tuple(chosen.values()) or (Pair("First measured pair", 0, 0),)
+
+
+def angles(direction: Tensor) -> str:
+    """`45° / 140°`: polar angle and azimuth of a unit vector `[3]`, in whole degrees."""
+    x, y, z = direction.double().tolist()
+    theta = math.degrees(math.atan2(math.hypot(x, y), z))
+    phi = round(math.degrees(math.atan2(y, x))) % 360 if round(theta) else 0
+    return f"{theta:.0f}° / {phi}°"
+
+
+def _nearest(directions: Tensor, theta: float, phi: float) -> tuple[int, float]:
+    """(index, angle in radians) of the direction nearest to the given degrees."""
+    degrees = torch.tensor([theta, phi], dtype=torch.float64)
+    wanted = direction_from_angles(*torch.deg2rad(degrees))  # [3]
+    cosines = directions.double().cpu() @ wanted
+    index = int(cosines.argmax())
+    return index, math.acos(min(max(float(cosines[index]), -1.0), 1.0))

@@ -1,0 +1,67 @@
+"""Numbers as people read them; a value that is not known is a dash."""
+
+from __future__ import annotations
+
+import math
+
+from ..progress import MINUTE, duration
+
+UNKNOWN = "–"
+# The paper counts in these: 32 x 81^2 x 3 x 4 bytes are its "2.40 MB" [WDR11 §4.2].
+KILOBYTE, MEGABYTE, GIGABYTE = 1 << 10, 1 << 20, 1 << 30
+
+
+def decibels(value: float | None) -> str:
+    """`7.31 dB`."""
+    if value is None or math.isnan(value):
+        return UNKNOWN
+    return "exact" if value == math.inf else f"{signed(value, '.2f')} dB"
+
+
+def signed(value: float, form: str) -> str:
+    """A formatted number with a true minus sign."""
+    return format(value, form).replace("-", "−")
+
+
+def size(count: float | None) -> str:
+    """Bytes as `812 bytes`, `73.8 kB`, `1.20 GB`."""
+    if count is None:
+        return UNKNOWN
+    for unit, name in ((GIGABYTE, "GB"), (MEGABYTE, "MB"), (KILOBYTE, "kB")):
+        if count >= unit:
+            return f"{three_figures(count / unit)} {name}"
+    return f"{count:.0f} bytes"
+
+
+def three_figures(value: float) -> str:
+    """At least three figures, and no more decimals than that needs: `2.40`, `73.8`, `512`."""
+    decimals = 2 if value < 9.995 else 1 if value < 99.95 else 0
+    return f"{value:,.{decimals}f}"
+
+
+def seconds(value: float | None) -> str:
+    """`0.84 s`, `42.1 s`, `3 min 05 s`."""
+    if value is None:
+        return UNKNOWN
+    if value >= MINUTE:
+        return duration(value)
+    return f"{value:.2f} s" if value < 1.0 else f"{value:.1f} s"
+
+
+def ratio(value: float | None) -> str:
+    """A compression ratio as `1:98`."""
+    if value is None:
+        return UNKNOWN
+    return f"1:{value:,.0f}" if value >= 10.0 else f"1:{value:.1f}"
+
+
+def count(value: float | None) -> str:
+    """`12,345`, or `6.53` if it is not whole."""
+    if value is None:
+        return UNKNOWN
+    return f"{value:,.0f}" if float(value).is_integer() else f"{value:,.2f}"
+
+
+def plural(number: int, noun: str) -> str:
+    """`1 texel`, `4,096 texels`."""
+    return f"{number:,} {noun}" + ("" if number == 1 else "s")

@@ -1,0 +1,1 @@
+"""Batched solvers: pure tensor maths that knows nothing of BRDFs or textures."""

@@ -1,0 +1,163 @@
+"""k-means with greedy k-means++ seeding, exact on degenerate data.
+
+References:
+    [AV07] Arthur, Vassilvitskii, k-means++: The Advantages of Careful Seeding, SODA 2007; the
+        greedy variant with several candidates a centre is their §4 remark, as in scikit-learn.
+    [Llo82] Lloyd, Least Squares Quantization in PCM, IEEE Trans. Inf. Theory 28(2), 1982.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from spmm_torch.errors import ConfigError, DataError
+
+# Doubles in one block of point-to-centre distances (32 MiB): bounds memory for any N.
+BLOCK_ELEMENTS = 2**22
+
+
+@dataclass(frozen=True)
+class KMeansResult:
+    """Clusters, none of them empty."""
+
+    labels: Tensor  # [N] long, 0 .. K - 1
+    centers: Tensor  # [K, P], means of their points
+    objective: float  # sum of squared distances
+
+
+def kmeans(
+    points: Tensor,
+    k: int,
+    generator: torch.Generator,
+    *,
+    iterations: int = 100,
+    candidates: int | None = None,
+) -> KMeansResult:
+    """Clusters points by k-means [AV07] [Llo82].
+
+    Args:
+        points: `[N, P]`, finite, N >= 1.
+        k: clusters wanted; with fewer distinct points there are as many clusters as those.
+        generator: CPU generator, the only source of randomness.
+        iterations: most Lloyd iterations; fewer when the labels stop changing.
+        candidates: candidates tried for each centre; default 2 + log k as in scikit-learn.
+
+    Returns:
+        Labels, centres in the dtype of `points`, and the objective.
+
+    Raises:
+        ConfigError: if k is not positive.
+        DataError: if there are no points or they are not finite.
+    """
+    if k < 1:
+        raise ConfigError(f"k-means was asked for {k} clusters; ask for at least 1.")
+    if points.dim() != 2 or points.shape[0] == 0:
+        shape = list(points.shape)
+        raise DataError(f"k-means got points of shape {shape}; it needs [N, P] with N at least 1.")
+    if not bool(points.isfinite().all()):
+        raise DataError("k-means got points that are NaN or infinite; give finite values.")
+    tries = 2 + int(math.log(k)) if candidates is None else candidates
+    # Double precision: |x - c|^2 is expanded below, which cancels for close centres.
+    shifted = points.double() - points.double().mean(0)  # [N, P]
+    centers, remaining = _seed(shifted, k, tries, generator)
+    if remaining > 0:
+        labels = _lloyd(shifted, centers, iterations)
+    else:  # every distinct point is a centre: there is nothing to improve
+        labels = _assign_exactly(shifted, centers)
+    centers = _means(shifted, labels, centers.shape[0])
+    objective = (shifted - centers[labels]).square().sum().item()
+    centers = centers + points.double().mean(0)
+    return KMeansResult(labels, centers.to(points.dtype), objective if remaining > 0 else 0.0)
+
+
+def _seed(points: Tensor, k: int, tries: int, generator: torch.Generator) -> tuple[Tensor, float]:
+    """Greedy k-means++ [AV07]: centres `[K, P]` and the sum of squared distances to them.
+
+    Squared distances come from differences, so that a copy of a centre is at exactly zero and is
+    never drawn: the sum is zero once every distinct point is a centre.
+    """
+    first = int(torch.randint(points.shape[0], (1,), generator=generator))
+    chosen = [points[first]]
+    nearest = _squared_distance(points, points[first][None])[:, 0]  # [N]
+    total = nearest.sum().item()
+    while len(chosen) < k and total > 0:
+        draw = torch.rand(tries, generator=generator, dtype=torch.float64).to(points.device)
+        cumulative = nearest.cumsum(0)  # [N]
+        drawn = torch.searchsorted(cumulative, draw * cumulative[-1], right=True)  # [candidates]
+        drawn = drawn.clamp_max(points.shape[0] - 1)
+        trial = torch.minimum(_squared_distance(points, points[drawn]), nearest[:, None])
+        best = trial.sum(0).argmin()
+        chosen.append(points[drawn[best]])
+        nearest = trial[:, best]
+        total = nearest.sum().item()
+    return torch.stack(chosen), total
+
+
+def _squared_distance(points: Tensor, centers: Tensor) -> Tensor:
+    """`[N, K]` by differences: slower than `_assign`, exactly zero between equal points."""
+    mode = "donot_use_mm_for_euclid_dist"
+    return torch.cdist(points, centers, compute_mode=mode).square()
+
+
+def _assign_exactly(points: Tensor, centers: Tensor) -> Tensor:
+    """Nearest centre `[N]` by differences, for centres that may be arbitrarily close."""
+    block = max(1, BLOCK_ELEMENTS // centers.shape[0])
+    parts = [_squared_distance(part, centers).argmin(1) for part in points.split(block)]
+    return torch.cat(parts)
+
+
+def _assign(points: Tensor, centers: Tensor) -> tuple[Tensor, Tensor]:
+    """Nearest centre `[N]` and squared distance to it `[N]`, by a matrix product in blocks."""
+    offset = centers.square().sum(1)  # [K]
+    block = max(1, BLOCK_ELEMENTS // centers.shape[0])
+    least, labels = [], []
+    for part in points.split(block):
+        value, label = torch.addmm(offset, part, centers.T, alpha=-2).min(1)  # [n]
+        least.append(value + part.square().sum(1))
+        labels.append(label)
+    return torch.cat(labels), torch.cat(least).clamp_min(0)
+
+
+def _lloyd(points: Tensor, centers: Tensor, iterations: int) -> Tensor:
+    """Lloyd iterations until the labels stay; labels `[N]`, every cluster with a point."""
+    labels, distance = _assign(points, centers)
+    labels = _fill_empty(points, labels, distance, centers.shape[0])
+    for _ in range(iterations):
+        centers = _means(points, labels, centers.shape[0])
+        moved, distance = _assign(points, centers)
+        moved = _fill_empty(points, moved, distance, centers.shape[0])
+        if torch.equal(moved, labels):
+            break
+        labels = moved
+    return labels
+
+
+def _fill_empty(points: Tensor, labels: Tensor, distance: Tensor, k: int) -> Tensor:
+    """Gives each empty cluster the point farthest from its centre, one at a time."""
+    size = torch.bincount(labels, minlength=k)  # [K]
+    labels, distance = labels.clone(), distance.clone()
+    for empty in (size == 0).nonzero()[:, 0].tolist():
+        # A point alone in its cluster stays, or that cluster would be the next empty one.
+        movable = torch.where(size[labels] > 1, distance, -1.0)
+        farthest = movable.argmax()
+        size[labels[farthest]] -= 1
+        size[empty] += 1
+        labels[farthest] = empty
+        to_new = _squared_distance(points, points[farthest][None])[:, 0]
+        distance = torch.minimum(distance, to_new)
+    return labels
+
+
+def _means(points: Tensor, labels: Tensor, k: int) -> Tensor:
+    """Mean of each cluster `[K, P]`, by matrix products: repeatable on a GPU, unlike scatter."""
+    total = points.new_zeros(k, points.shape[1])
+    size = torch.bincount(labels, minlength=k)  # [K]
+    cluster = torch.arange(k, device=points.device)[:, None]  # [K, 1]
+    block = max(1, BLOCK_ELEMENTS // k)
+    for part, label in zip(points.split(block), labels.split(block), strict=True):
+        total += (cluster == label).to(points.dtype) @ part
+    return total / size[:, None]

@@ -1,0 +1,256 @@
+"""Batched non-negative least squares in Gram form.
+
+Solves argmin_{x >= 0} 1/2 x^T G x - b^T x, with G = D^T D and b = D^T y, for many small problems
+at once. Two stages, both exact: block principal pivoting [KP11], which settles nearly every
+problem in a few rounds, then the active set of [LH74] for those that it does not settle.
+
+References:
+    [LH74] Lawson, Hanson, Solving Least Squares Problems, 1974, ch. 23.
+    [KP11] Kim, Park, Fast Nonnegative Matrix Factorization: An Active-Set-Like Method and
+        Comparisons, SIAM J. Sci. Comput. 33(6), 2011, §3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+# Added to the unit diagonal: keeps duplicated atoms solvable, biases a well-posed x by 1e-12.
+RIDGE = 1e-12
+# A Gram rounded to float32 can be indefinite by 1e-7; a failed factorization multiplies its ridge.
+RIDGE_GROWTH = 10.0
+RIDGE_LIMIT = 1e-2
+# Optimality slack, relative to the largest |b_j| / |d_j|; well above float64 rounding of G x.
+OPTIMALITY_TOLERANCE = 1e-11
+# Full exchanges without progress before a problem is handed to the active set [KP11 §3, alpha].
+PIVOT_PATIENCE = 3
+PIVOT_ROUNDS = 12
+# Doubles in one block of Gram matrices (32 MiB): bounds memory for any batch.
+BLOCK_ELEMENTS = 2**22
+
+
+@dataclass(frozen=True)
+class _Problems:
+    """Problems scaled to unit atoms and unit right-hand side, float64."""
+
+    gram: Tensor  # [B, J, J], unit diagonal
+    rhs: Tensor  # [B, J], largest magnitude 1
+    allowed: Tensor  # [B, J] bool
+
+    def take(self, rows: Tensor) -> _Problems:
+        return _Problems(self.gram[rows], self.rhs[rows], self.allowed[rows])
+
+
+def nnls_gram(
+    gram: Tensor,
+    rhs: Tensor,
+    *,
+    allowed: Tensor | None = None,
+    guess: Tensor | None = None,
+    max_iterations: int | None = None,
+) -> Tensor:
+    """Minimizes 1/2 x^T G x - b^T x over x >= 0, each problem on its own [LH74].
+
+    Duplicated and zero atoms are fine: the result is one of the minimizers, zero for zero atoms.
+
+    Args:
+        gram: D^T D, `[..., J, J]`; its batch dimensions broadcast against those of `rhs`.
+        rhs: D^T y, `[..., J]`.
+        allowed: bool `[..., J]`, broadcast; False holds a weight at zero. Default: all allowed.
+        guess: bool `[..., J]`, broadcast; likely support of the solution, for speed only.
+        max_iterations: cap on the active-set passes, default 3 J + 30. Where it is hit the result
+            is feasible but not optimal; see `kkt_violation`.
+
+    Returns:
+        x `[..., J]`, dtype of `rhs`.
+    """
+    atoms = rhs.shape[-1]
+    batch = torch.broadcast_shapes(gram.shape[:-2], rhs.shape[:-1])
+    flat_rhs = rhs.expand(*batch, atoms).reshape(-1, atoms)  # [B, J]
+    flat_gram, gram_row = _flatten_gram(gram, batch)
+    flat_allowed = _flatten_mask(allowed, batch, atoms)
+    flat_guess = _flatten_mask(guess, batch, atoms)
+    passes = 3 * atoms + 30 if max_iterations is None else max_iterations
+    result = torch.zeros_like(flat_rhs)
+    block = max(1, BLOCK_ELEMENTS // max(1, atoms * atoms))
+    for first in range(0, flat_rhs.shape[0] if atoms else 0, block):
+        rows = slice(first, first + block)
+        result[rows] = _solve_block(
+            flat_gram[gram_row[rows]].double(),
+            flat_rhs[rows].double(),
+            None if flat_allowed is None else flat_allowed[rows],
+            None if flat_guess is None else flat_guess[rows],
+            passes,
+        ).to(rhs.dtype)
+    return result.reshape(*batch, atoms)
+
+
+def kkt_violation(gram: Tensor, rhs: Tensor, x: Tensor, *, allowed: Tensor | None = None) -> Tensor:
+    """Largest violation of the optimality conditions of `nnls_gram`, zero at a minimizer.
+
+    With unit atoms the conditions are min(x, G x - b) = 0 elementwise; the value is the largest
+    |min(x, G x - b)|, relative to the largest |b_j|.
+
+    Args:
+        gram: `[..., J, J]`.
+        rhs: `[..., J]`.
+        x: candidate solution `[..., J]`.
+        allowed: bool `[..., J]`; weights held at zero are not judged.
+
+    Returns:
+        Violation `[...]`, float64.
+    """
+    gram, rhs, x = gram.double(), rhs.double(), x.double()
+    norm = gram.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()  # [..., J]
+    inverse = torch.where(norm > 0, 1 / norm, 0.0)
+    slope = ((gram @ x[..., None])[..., 0] - rhs) * inverse  # [..., J]
+    violation = torch.minimum(x * norm, slope).abs()
+    if allowed is not None:
+        violation = torch.where(allowed, violation, 0.0)
+    scale = (rhs * inverse).abs().amax(-1)
+    return violation.amax(-1) / torch.where(scale > 0, scale, 1.0)
+
+
+def _flatten_gram(gram: Tensor, batch: torch.Size) -> tuple[Tensor, Tensor]:
+    """Stored Grams `[G, J, J]` and the Gram row of each problem `[B]`; no broadcast copy."""
+    stored = gram.reshape(-1, *gram.shape[-2:])  # [G, J, J]
+    row = torch.arange(stored.shape[0], device=gram.device).reshape(gram.shape[:-2])
+    return stored, row.expand(batch).reshape(-1)
+
+
+def _flatten_mask(mask: Tensor | None, batch: torch.Size, atoms: int) -> Tensor | None:
+    return None if mask is None else mask.expand(*batch, atoms).reshape(-1, atoms)
+
+
+def _solve_block(
+    gram: Tensor, rhs: Tensor, allowed: Tensor | None, guess: Tensor | None, passes: int
+) -> Tensor:
+    """Scales one block of problems, solves it, and scales the weights back; `[B, J]`."""
+    norm = gram.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()  # [B, J]
+    usable = norm > 0 if allowed is None else allowed & (norm > 0)
+    inverse = torch.where(norm > 0, 1 / norm, 0.0)  # [B, J]
+    unit_rhs = rhs * inverse
+    scale = torch.where(usable, unit_rhs, 0.0).abs().amax(-1, keepdim=True)  # [B, 1]
+    scale = torch.where(scale > 0, scale, 1.0)
+    problems = _Problems(gram * inverse[:, :, None] * inverse[:, None, :], unit_rhs / scale, usable)
+    passive = usable & (problems.rhs > 0) if guess is None else usable & guess  # [B, J]
+    return _solve_unit(problems, passive, passes) * inverse * scale
+
+
+def _solve_unit(problems: _Problems, passive: Tensor, passes: int) -> Tensor:
+    """Pivots, then runs the active set on what is left; `[B, J]`."""
+    weights, solved = _pivot(problems, passive)
+    open_rows = (~solved).nonzero()[:, 0]
+    if open_rows.numel():
+        weights[open_rows] = _active_set(problems.take(open_rows), weights[open_rows], passes)
+    return weights
+
+
+def _solve_support(
+    problems: _Problems, passive: Tensor, ridge: float | Tensor
+) -> tuple[Tensor, Tensor]:
+    """Unconstrained minimizer on the passive set `[B, J]`, and where the factorization failed.
+
+    Inactive variables become rows and columns of the identity, so that all problems keep size J.
+    """
+    member = passive.to(problems.gram.dtype)  # [B, J]
+    matrix = problems.gram * member[:, :, None] * member[:, None, :]  # [B, J, J]
+    matrix.diagonal(dim1=-2, dim2=-1).copy_(1 + ridge * member)
+    factor, info = torch.linalg.cholesky_ex(matrix)
+    point = torch.cholesky_solve((problems.rhs * member)[..., None], factor)[..., 0]  # [B, J]
+    return point * member, info != 0
+
+
+def _slope(problems: _Problems, weights: Tensor) -> Tensor:
+    """b - G x, `[B, J]`: correlation of each unit atom with the residual."""
+    return problems.rhs - (problems.gram @ weights[..., None])[..., 0]
+
+
+def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
+    """Block principal pivoting with full exchanges [KP11 §3]: weights `[B, J]`, solved `[B]`.
+
+    A problem whose number of infeasible variables has not fallen for `PIVOT_PATIENCE` exchanges
+    is left unsolved; its weights are then a feasible start for `_active_set`.
+    """
+    batch, atoms = problems.rhs.shape
+    weights = torch.zeros_like(problems.rhs)
+    solved = torch.zeros(batch, dtype=torch.bool, device=weights.device)
+    rows = torch.arange(batch, device=weights.device)
+    fewest = torch.full((batch,), atoms + 1, device=weights.device)
+    patience = torch.full((batch,), PIVOT_PATIENCE, device=weights.device)
+    for _ in range(PIVOT_ROUNDS):
+        point, failed = _solve_support(problems, passive, RIDGE)
+        slope = _slope(problems, point)
+        swap = (passive & (point < -OPTIMALITY_TOLERANCE)) | (
+            problems.allowed & ~passive & (slope > OPTIMALITY_TOLERANCE)
+        )  # [B', J]
+        count = swap.sum(-1)
+        weights[rows] = torch.where(failed[:, None], weights[rows], point.clamp_min(0))
+        solved[rows] = (count == 0) & ~failed
+        better = count < fewest
+        patience = torch.where(better, PIVOT_PATIENCE, patience - 1)
+        fewest = torch.minimum(fewest, count)
+        keep = ((count > 0) & ~failed & (patience > 0)).nonzero()[:, 0]
+        if not keep.numel():
+            break
+        problems, rows = problems.take(keep), rows[keep]
+        passive, fewest, patience = (passive ^ swap)[keep], fewest[keep], patience[keep]
+    return weights, solved
+
+
+def _active_set(problems: _Problems, start: Tensor, passes: int) -> Tensor:
+    """Lawson-Hanson from a feasible start, all problems advancing together; `[B, J]`.
+
+    One pass solves on the passive set, then either accepts the point and lets in the atom of
+    largest slope, or moves to the boundary and lets the atoms met there out.
+    """
+    weights = start.clone()
+    result = start.clone()
+    rows = torch.arange(start.shape[0], device=start.device)
+    passive = start > 0  # [B, J]
+    barred = torch.zeros_like(passive)
+    newest = torch.full_like(rows, -1)
+    ridge = torch.full_like(start[:, :1], RIDGE)  # [B, 1]
+    for _ in range(passes):
+        point, failed = _solve_support(problems, passive, ridge)
+        ridge = torch.where(failed[:, None], ridge * RIDGE_GROWTH, ridge)
+        inside = (point >= 0).all(-1) & ~failed  # [B']
+        weights, boundary = _toward(weights, point, passive, inside, failed)
+        # An atom thrown out at once was let in by rounding alone: bar it until one stays [LH74].
+        entered = torch.zeros_like(passive).scatter_(1, newest.clamp_min(0)[:, None], True)
+        entered &= (newest >= 0)[:, None]
+        survived = inside & (newest >= 0)
+        barred = (barred & ~survived[:, None]) | (entered & boundary)
+        passive = passive & ~boundary
+        slope = _slope(problems, weights)
+        slope = torch.where(problems.allowed & ~passive & ~barred, slope, -torch.inf)
+        steepest, newest_atom = slope.max(-1)
+        improving = inside & (steepest > OPTIMALITY_TOLERANCE)
+        passive = passive.scatter(
+            1, newest_atom[:, None], passive.gather(1, newest_atom[:, None]) | improving[:, None]
+        )
+        newest = torch.where(improving, newest_atom, torch.where(failed, newest, -1))
+        result[rows] = weights
+        keep = (~(inside & ~improving) & (ridge[:, 0] < RIDGE_LIMIT)).nonzero()[:, 0]
+        if not keep.numel():
+            break
+        if keep.numel() < rows.numel():
+            problems, rows, weights = problems.take(keep), rows[keep], weights[keep]
+            passive, barred, newest, ridge = (v[keep] for v in (passive, barred, newest, ridge))
+    return result
+
+
+def _toward(
+    weights: Tensor, point: Tensor, passive: Tensor, inside: Tensor, failed: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Moves from `weights` to `point` as far as x >= 0 lets it; also the atoms that hit zero."""
+    falling = passive & (point < 0)  # [B, J]
+    ratio = torch.where(falling, weights / (weights - point), torch.inf)
+    length = ratio.amin(-1, keepdim=True).clamp_max(1)  # [B, 1]
+    length = torch.where(failed[:, None], 0.0, torch.where(inside[:, None], 1.0, length))
+    moved = torch.where(failed[:, None], weights, weights + length * (point - weights))
+    boundary = falling & (ratio <= length) & ~failed[:, None]
+    moved = torch.where(inside[:, None], point, torch.where(boundary, 0.0, moved))
+    return moved.clamp_min(0), boundary

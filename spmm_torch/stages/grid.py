@@ -1,0 +1,63 @@
+"""The measured direction pairs on a device, as the stages evaluate lobes on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..geometry import angular_spacing
+from ..lobe import LobeBatch, decode, eval_with_jacobian
+
+
+@dataclass(frozen=True)
+class DirectionGrid:
+    """All pairs of L lights and V views, d = view * L + light.
+
+    Attributes:
+        light: `[1, 1, L, 3]`.
+        view: `[1, V, 1, 3]`.
+    """
+
+    light: Tensor
+    view: Tensor
+
+    @classmethod
+    def build(cls, light: Tensor, view: Tensor, device: torch.device) -> DirectionGrid:
+        """The grid of lights `[L, 3]` and views `[V, 3]`."""
+        return cls(light.to(device)[None, None], view.to(device)[None, :, None])
+
+    @property
+    def pair_count(self) -> int:
+        """D."""
+        return self.light.shape[2] * self.view.shape[1]
+
+    @property
+    def spacing(self) -> float:
+        """The smaller of the angles between neighbouring lights and neighbouring views."""
+        sets = self.light[0, 0], self.view[0, :, 0]
+        return min(angular_spacing(directions.cpu()) for directions in sets)
+
+    def eval(self, lobes: LobeBatch) -> Tensor:
+        """Values of lobes on all pairs, `[J, D]`."""
+        return lobes.eval(self.light, self.view).flatten(1)
+
+    def at(self, pairs: Tensor) -> tuple[Tensor, Tensor]:
+        """Directions (wi, wo), both `[..., 3]`, of pair indices `[...]`."""
+        lights = self.light.shape[2]
+        light = self.light[0, 0][pairs % lights]
+        view = self.view[0, :, 0][torch.div(pairs, lights, rounding_mode="floor")]
+        return light, view
+
+    def values(self, model: Tensor, coordinates: Tensor) -> Tensor:
+        """Values `[S, M, D]` of lobes `model [S, M]` at search `coordinates [S, M, P]`."""
+        lobes = decode(model.reshape(-1), coordinates.flatten(0, 1))
+        return self.eval(lobes).unflatten(0, model.shape)
+
+    def jacobian(self, model: Tensor, coordinates: Tensor) -> tuple[Tensor, Tensor]:
+        """Values `[S, M, D]` and slopes `[S, M, P, D]`."""
+        rho, slope = eval_with_jacobian(
+            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view
+        )
+        return rho.flatten(1).unflatten(0, model.shape), slope.flatten(2).unflatten(0, model.shape)

@@ -1,0 +1,217 @@
+"""Stages select, refit and residual: the sparse fit of every texel of a cluster [WDR11 §4.1].
+
+Everything lives in dictionary space: after the product D^T Y no step passes over the direction
+pairs again, and errors follow exactly from the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..config import SelectConfig, StagewiseConfig
+from ..solvers.corrective import select_corrective
+from ..solvers.lasso import lasso_threshold, stagewise_lasso
+from ..solvers.nnls import nnls_gram
+
+
+@dataclass(frozen=True)
+class Products:
+    """What the fit needs to know of the n texels of a cluster; atoms have unit norm.
+
+    Attributes:
+        gram: D^T D, `[J, J]`.
+        correlation: D^T y, `[n, J, C]`.
+        energy: ||y||^2, `[n, C]` float64.
+        overlap: <y, mean y>, `[n, C]` float64.
+        mean: mean y over the cluster, `[D, C]`.
+    """
+
+    gram: Tensor
+    correlation: Tensor
+    energy: Tensor
+    overlap: Tensor
+    mean: Tensor
+
+    @property
+    def mean_correlation(self) -> Tensor:
+        """D^T mean(y), `[J, C]`."""
+        return self.correlation.mean(0)
+
+    @property
+    def mean_energy(self) -> Tensor:
+        """||mean y||^2, `[C]`."""
+        return self.overlap.mean(0)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Sparse weights of the texels of a cluster.
+
+    Attributes:
+        index: chosen atoms `[n, M]`, -1 for padding.
+        weights: `[n, M, C]` of unit-norm atoms, non-negative.
+    """
+
+    index: Tensor
+    weights: Tensor
+
+    def mean_weights(self, atoms: int) -> Tensor:
+        """The cluster's mean weight of every atom, `[J, C]`."""
+        total = self.weights.new_zeros(atoms, self.weights.shape[2])
+        total.index_add_(0, self.index.clamp(min=0).flatten(), self.weights.flatten(0, 1))
+        return total / len(self.index)
+
+
+def cluster_products(blocks: Iterable[Tensor], atoms: Tensor) -> Products:
+    """One pass over the texels of a cluster, blocks `[m, D, C]`, with its atoms `[J, D]`."""
+    signals = [values.transpose(1, 2).contiguous() for values in blocks]  # [m, C, D]
+    mean = sum(block.sum(0) for block in signals) / sum(len(block) for block in signals)  # [C, D]
+    return Products(
+        gram=atoms @ atoms.T,
+        correlation=torch.cat([(block @ atoms.T).transpose(1, 2) for block in signals]),
+        energy=torch.cat([(block * block).sum(2, dtype=torch.float64) for block in signals]),
+        overlap=torch.cat([(block * mean).sum(2, dtype=torch.float64) for block in signals]),
+        mean=mean.T,
+    )
+
+
+def select(
+    products: Products, target: Target, config: SelectConfig, stagewise: StagewiseConfig
+) -> Fit:
+    """Chooses the lobes of every texel, a support shared by its channels."""
+    if products.gram.shape[0] == 0:
+        empty = products.correlation[:, :0]
+        return Fit(torch.zeros(empty.shape[:2], dtype=torch.long, device=empty.device), empty)
+    if config.method == "stagewise":
+        return _select_stagewise(products, target, config, stagewise)
+    limit = config.max_lobes or products.gram.shape[0]
+    chosen = select_corrective(
+        products.gram,
+        target.correlation,
+        target.energy,
+        max_lobes=min(limit, products.gram.shape[0]),
+        min_gain=config.min_gain,
+    )
+    return _compact(Fit(chosen.index, chosen.weights.to(products.correlation.dtype)))
+
+
+@dataclass(frozen=True)
+class Target:
+    """What the weights are fit to, in dictionary space: y - share * residual.
+
+    Attributes:
+        correlation: D^T target, `[n, J, C]`.
+        energy: ||target||^2, `[n, C]`.
+    """
+
+    correlation: Tensor
+    energy: Tensor
+
+
+def target_beside_residual(products: Products, fit: Fit | None, share: float) -> Target:
+    """The target y - share * residual, with the residual that `fit` leaves its cluster.
+
+    Minimizing ||y - D x||^2 (1 - share) + ||y - D x - residual||^2 share over x is the same as
+    fitting D x to it. Without a fit the residual is the cluster's mean.
+    """
+    if share == 0.0:
+        return Target(products.correlation, products.energy)
+    atoms, channels = products.mean_correlation.shape
+    mean = products.correlation.new_zeros(atoms, channels)
+    if fit is not None:
+        mean = fit.mean_weights(atoms)  # [J, C]
+    residual = products.mean_correlation - products.gram @ mean  # D^T residual, [J, C]
+    along = products.overlap - torch.einsum("njc,jc->nc", products.correlation, mean).double()
+    own = products.mean_energy - ((products.mean_correlation + residual) * mean).sum(0).double()
+    energy = products.energy - 2.0 * share * along + share * share * own
+    return Target(products.correlation - share * residual, energy.clamp(min=0.0))
+
+
+def refit(products: Products, fit: Fit, target: Target) -> Fit:
+    """Non-negative least squares of each channel on the chosen support [LH74]."""
+    slots = fit.index.clamp(min=0)
+    if slots.shape[1] == 0:
+        return fit
+    gram = products.gram[slots[:, :, None], slots[:, None, :]]  # [n, M, M]
+    channels = fit.weights.shape[2]
+    rhs = target.correlation.gather(1, slots[..., None].expand(-1, -1, channels))  # [n, M, C]
+    allowed = (fit.index >= 0)[:, None].expand(-1, channels, -1)
+    weights = nnls_gram(
+        gram[:, None].double(), rhs.transpose(1, 2).double(), allowed=allowed
+    )  # [n, C, M]
+    return _compact(Fit(fit.index, weights.transpose(1, 2).to(fit.weights.dtype)))
+
+
+def squared_errors(products: Products, fit: Fit) -> tuple[Tensor, Tensor]:
+    """Errors of a cluster, exact in dictionary space.
+
+    Returns:
+        (without residual, of each texel `[n]`; what the residual takes away from their sum `[]`).
+    """
+    slots = fit.index.clamp(min=0)
+    channels = fit.weights.shape[2]
+    weights = fit.weights.double()  # zero where padded
+    chosen = products.correlation.gather(1, slots[..., None].expand(-1, -1, channels)).double()
+    gram = products.gram[slots[:, :, None], slots[:, None, :]].double()
+    quadratic = torch.einsum("nac,nab,nbc->n", weights, gram, weights)
+    error = products.energy.sum(1) - 2.0 * (weights * chosen).sum((1, 2)) + quadratic
+    mean = fit.mean_weights(products.gram.shape[0]).double()
+    taken = products.mean_energy.sum() - 2.0 * (mean * products.mean_correlation).sum()
+    taken = taken + (mean * (products.gram.double() @ mean)).sum()
+    return error.clamp(min=0.0), len(fit.index) * taken.clamp(min=0.0)
+
+
+def residual_share(without: float, taken: float, texels: int) -> float:
+    """The share of the residual in the target that makes the most of both errors together.
+
+    The sum of both signal-to-noise ratios in dB is stationary where their errors E0 and E1 are
+    weighted by 1 / E0 and 1 / E1. E1 is scaled by n / (n - 1): the mean of few texels fits them
+    for free, and that of one texel says nothing about it.
+    """
+    if texels < 2 or without <= 0.0:
+        return 0.0
+    with_residual = max(without - taken, 0.0) * texels / (texels - 1)
+    return without / (without + with_residual)
+
+
+def _select_stagewise(
+    products: Products, target: Target, config: SelectConfig, stagewise: StagewiseConfig
+) -> Fit:
+    """Stagewise Lasso for every texel and channel, 2 eta threshold, shared support [WDR11 §4.1]."""
+    texels, atoms, channels = target.correlation.shape
+    norm = target.energy.sqrt().flatten().to(target.correlation.dtype)  # [n C]
+    eta = stagewise.eta * norm
+    path = stagewise_lasso(
+        products.gram,
+        target.correlation.transpose(1, 2).reshape(-1, atoms),
+        eta=eta,
+        lambda_min=stagewise.lambda_min * norm,
+        max_steps=stagewise.max_steps,
+    )
+    weights = lasso_threshold(path.weights, eta).view(texels, channels, atoms)
+    total = weights.sum(1)  # [n, J]
+    most = int((total > 0.0).sum(1).max())
+    slots = min(config.max_lobes or most, most)
+    value, index = total.topk(slots, dim=1)
+    fit = Fit(
+        torch.where(value > 0.0, index, -1),
+        weights.gather(2, index[:, None].expand(-1, channels, -1)).transpose(1, 2),
+    )
+    return refit(products, fit, target)
+
+
+def _compact(fit: Fit) -> Fit:
+    """Drops lobes without weight, and columns that no texel needs."""
+    used = (fit.index >= 0) & (fit.weights > 0.0).any(2)  # [n, M]
+    order = torch.argsort((~used).to(torch.int8), dim=1, stable=True)
+    slots = int(used.sum(1).max()) if used.numel() else 0
+    order = order[:, :slots]
+    index = torch.where(used, fit.index, -1).gather(1, order)
+    weights = (fit.weights * used[..., None]).gather(
+        1, order[..., None].expand(-1, -1, fit.weights.shape[2])
+    )
+    return Fit(index, weights)

@@ -1,0 +1,84 @@
+"""The entry: which reader a path gets, and what is said when none fits."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spmm_torch.data import load_btf, sample_path
+from spmm_torch.errors import DataError
+
+
+def empty_folder(path: Path) -> None:
+    path.mkdir()
+
+
+def foreign_folder(path: Path) -> None:
+    path.mkdir()
+    (path / "notes.txt").write_text("hello")
+
+
+def text_file(path: Path) -> None:
+    path.write_text("hello")
+
+
+def foreign_zip(path: Path) -> None:
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("holiday.jpg", b"hello")
+
+
+def empty_zip(path: Path) -> None:
+    with zipfile.ZipFile(path, "w"):
+        pass
+
+
+def half_a_zip(path: Path) -> None:
+    path.write_bytes(sample_path().read_bytes()[:100_000])
+
+
+def nothing(path: Path) -> None:
+    assert not path.exists()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (nothing, "does not exist"),
+        (empty_folder, "is an empty folder"),
+        (foreign_folder, "holds no BTF pictures"),
+        (text_file, "is neither a complete zip nor a folder"),
+        (half_a_zip, "is neither a complete zip nor a folder"),
+        (foreign_zip, "is a zip without BTF pictures"),
+        (empty_zip, "is a zip without BTF pictures"),
+    ],
+)
+def test_no_reader(tmp_path: Path, make: object, message: str) -> None:
+    path = tmp_path / "input.zip"
+    make(path)
+    with pytest.raises(DataError, match=message) as error:
+        load_btf(path)
+    text = str(error.value)
+    assert str(path) in text and "expected" in text and "\n" not in text
+
+
+def test_content_decides_not_the_extension(tmp_path: Path) -> None:
+    directions = np.array([[0, 0, 1]], np.float32)
+    np.savez(
+        tmp_path / "a.npz", values=np.ones((1, 1, 1, 1, 3), "f4"), view=directions, light=directions
+    )
+    path = (tmp_path / "a.npz").rename(tmp_path / "a.zip")
+    assert load_btf(path).pair_count == 1
+    (tmp_path / "b.dat").write_bytes(sample_path().read_bytes())
+    assert load_btf(str(tmp_path / "b.dat")).pair_count == 6561
+
+
+def test_damaged_directory_of_a_zip(tmp_path: Path) -> None:
+    content = bytearray(sample_path().read_bytes())
+    where = content.rfind(b"PK\x01\x02")
+    content[where : where + 4] = b"oops"
+    (tmp_path / "a.zip").write_bytes(content)
+    with pytest.raises(DataError, match="cannot be opened"):
+        load_btf(tmp_path / "a.zip")
