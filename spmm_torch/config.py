@@ -69,7 +69,9 @@ class SearchConfig:
     min_width: float = setting(
         0.125, "narrowest lobe, in units of the angle between measured directions", low=0.0, high=4
     )
-    bank_normals: int = setting(120, "normals of the bank of candidate lobes", low=1)
+    bank_normals: int | None = setting(
+        None, "normals of the bank of candidate lobes; null: 120 for few samples, else 64", low=1
+    )
     min_gain: float = setting(
         0.005, "share of a sample's remaining error that a new lobe must take away", low=0.0, high=1
     )
@@ -78,7 +80,7 @@ class SearchConfig:
     tolerance: float = setting(
         0.003, "share of a sample's error that another step must take away", low=0.0, high=1.0
     )
-    exchanges: int = setting(4, "lobes of a sample that are searched anew, weakest first", low=0)
+    exchanges: int = setting(16, "times that lobes of a few samples are searched anew", low=0)
     pairs: int = setting(512, "direction pairs on which Eq. 5 is climbed (stagewise)", low=16)
     adam_steps: int = setting(8, "Adam steps of each start of Eq. 5 (stagewise)", low=0)
     lbfgs_steps: int = setting(16, "L-BFGS evaluations of each start of Eq. 5 (stagewise)", low=0)
@@ -116,7 +118,7 @@ class SelectConfig:
     )
     max_lobes: int | None = setting(None, "lobes a texel at most; null: no limit", low=1)
     min_gain: float = setting(
-        0.005, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
+        0.006, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
     )
 
 

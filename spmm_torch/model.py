@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from . import store
 from .brdf import MODEL_NAMES
+from .errors import OutputError
 from .geometry import texel_at
 from .lobe import LobeBatch
 from .residual import Residual
@@ -84,7 +85,14 @@ class SPMM(nn.Module):
         Raises:
             OutputError: nothing there, or not a model of a version this program reads.
         """
-        return cls.from_tensors(*store.read(run, device))
+        tensors, metadata = store.read(run, device)
+        try:
+            return cls.from_tensors(tensors, metadata)
+        except (KeyError, ValueError) as error:
+            raise OutputError(
+                f"{run} lacks a part of the model or names an unknown BRDF ({error}); make it anew "
+                f"with spmm fit."
+            ) from error
 
     def pack(self) -> bytes:
         """The content of a model file."""
@@ -173,7 +181,7 @@ class SPMM(nn.Module):
             Linear RGB `[..., C]`; 0 where wi or wo is under the horizon. Differentiable.
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
-        uv, wi, wo = (x.expand(*shape, x.shape[-1]).flatten(0, -2) for x in (uv, wi, wo))
+        uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         texel, share = texel_at(uv, self.height, self.width)  # [Q, 4]
         longest = max(1, int(self.lobe_count_per_texel().max()))
         size = max(1, BLOCK_ENTRIES // (4 * longest))
@@ -183,7 +191,7 @@ class SPMM(nn.Module):
                 texel.split(size), share.split(size), wi.split(size), wo.split(size), strict=True
             )
         ]
-        return torch.cat(parts).view(*shape, -1)
+        return torch.cat(parts).view(*shape, self.weight.shape[1])
 
     def _forward_block(
         self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor, residual: bool
@@ -205,7 +213,9 @@ class SPMM(nn.Module):
         """(position in `texel`, entry) of every lobe that a query meets, both `[N]`."""
         flat = texel.flatten()
         start = self.offset[flat]
-        count = (self.offset[flat + 1] - start) * (share.flatten() != 0.0)
+        count = self.offset[flat + 1] - start
+        if not share.requires_grad:  # the slope along uv needs neighbours of no share too
+            count = count * (share.flatten() != 0.0)
         query = torch.repeat_interleave(count)
         first = torch.cumsum(count, 0) - count
         within = torch.arange(len(query), device=query.device) - first[query]

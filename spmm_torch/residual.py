@@ -8,6 +8,8 @@ from torch import Tensor, nn
 from .geometry import HemisphereInterpolation
 
 FLOAT16_MAX = 65504.0  # largest finite half
+# Measured lights may lie on the horizon itself, where a cosine of 0 has no ratio to 0.
+LOWEST_COSINE = 1e-6
 
 
 class Residual(nn.Module):
@@ -29,7 +31,7 @@ class Residual(nn.Module):
         self.register_buffer("scale", scale)
         self.light_mesh = HemisphereInterpolation.build(light)
         self.view_mesh = HemisphereInterpolation.build(view)
-        self.lowest_light = float(light[:, 2].min())
+        self.lowest_light = max(float(light[:, 2].min()), LOWEST_COSINE)
 
     def forward(self, cluster: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """The residual `[..., C]` of clusters `[...]` at wi, wo `[..., 3]`, piecewise linear.

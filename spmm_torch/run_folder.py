@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ def new_run(path: Path | str) -> Iterator[Path]:
             f"run folder {path} exists; expected a new name; choose one or remove it."
         )
     folder = target.with_name(f".{target.name}.{os.getpid()}.part")
+    new_parents = [parent for parent in target.parents if not parent.exists()]  # innermost first
     try:
         folder.mkdir(parents=True)
         yield folder
@@ -44,6 +45,9 @@ def new_run(path: Path | str) -> Iterator[Path]:
         ) from error
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):  # they stay where they hold the run
+            for parent in new_parents:
+                parent.rmdir()
 
 
 def write_run(

@@ -6,6 +6,7 @@ import difflib
 import math
 import types
 import typing
+from contextlib import suppress
 from dataclasses import MISSING, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,9 @@ def _checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: s
 
 
 def _typed(value: Any, kind: type, where: str) -> Any:
+    if kind is float and isinstance(value, str):  # YAML 1.1 reads 1e-3 as text
+        with suppress(ValueError):
+            return float(value)
     if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
     if isinstance(value, kind) and not (kind is int and isinstance(value, bool)):

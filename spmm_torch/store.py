@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from .errors import OutputError
 
 FORMAT, VERSION = "spmm_torch", 1
 MODEL_FILE = "model.safetensors"
+HEADER_START = 8  # a safetensors file begins with the length of its JSON header, in 8 bytes
 # Largest value of each integer type that an array of indices may be narrowed to.
 INDEX_TYPES = ((torch.uint8, 255), (torch.int16, 32767), (torch.int32, 2**31 - 1))
 
@@ -28,7 +30,17 @@ def pack(tensors: dict[str, Tensor], metadata: dict[str, str]) -> bytes:
     """The content of a file of `tensors` with `metadata`, marked with format and version."""
     marked = {"format": FORMAT, "version": str(VERSION), **metadata}
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    return safetensors.torch.save(plain, metadata=marked)
+    return _in_order(safetensors.torch.save(plain, metadata=marked))
+
+
+def _in_order(content: bytes) -> bytes:
+    """The same safetensors file with sorted metadata: the library shuffles it at every call."""
+    start = HEADER_START + int.from_bytes(content[:HEADER_START], "little")
+    header = json.loads(content[HEADER_START:start])
+    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+    text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+    text += b" " * (-len(text) % HEADER_START)  # tensors stay aligned
+    return len(text).to_bytes(HEADER_START, "little") + text + content[start:]
 
 
 def write_atomic(path: Path, content: bytes) -> None:

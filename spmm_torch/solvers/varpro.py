@@ -135,7 +135,7 @@ def _evaluate(rho: Tensor, present: Tensor, signals: Tensor) -> _Fit:
     allowed = present[:, None].expand_as(correlation)
     weights = nnls_gram(gram[:, None], correlation, allowed=allowed)  # [S, C, M]
     error = signals - weights.to(rho.dtype) @ rho  # [S, C, D]
-    return _Fit(weights, error.double().square().sum((1, 2)))
+    return _Fit(weights, (error * error).sum((1, 2), dtype=torch.float64))
 
 
 def _step(

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from ..config import SearchConfig
-from ..lobe import COORDINATES, Feasible
+from ..lobe import COORDINATES, Feasible, decode
+from ..solvers.corrective import select_corrective
 from ..solvers.varpro import refine_mixtures
 from .bank import Bank
-from .grid import DirectionGrid
+from .grid import DirectionGrid, distinct
 
 # A sample whose error is this share of its energy is done: 70 dB, the rounding of float32.
 ENERGY_FLOOR = 1e-7
@@ -25,8 +27,14 @@ BATCH_ROWS, MAX_RESTARTS = 256, 8
 # Values of slopes that are held at once: 64 MB on a CPU, 4 GB on a GPU.
 CPU_SLOPES, CUDA_SLOPES = 1 << 24, 1 << 30
 
-# Lobes of all samples are exchanged only if that takes this share of the error of the first few.
-PILOT_ROWS, PILOT_GAIN = 32, 0.03
+# Lobes are exchanged on so many samples, spread over all clusters, with many restarts each; where
+# there are more samples, they go on only while that takes this share of the error away.
+FEW_ROWS, LEAST_GAIN = 32, 0.03
+
+
+# Lobes that correlate more than this are one where samples borrow from one another.
+SAME_LOBE = 0.999
+TINY = torch.finfo(torch.float32).tiny
 
 Advance = Callable[[int], None]
 
@@ -70,7 +78,6 @@ class CorrectiveSearch:
     Attributes:
         grid, bank, feasible, config: as given to the search.
         signals: `[S, C, D]`.
-        energy: `[S]`, float64.
     """
 
     grid: DirectionGrid
@@ -78,7 +85,11 @@ class CorrectiveSearch:
     feasible: Feasible
     config: SearchConfig
     signals: Tensor
-    energy: Tensor
+
+    @cached_property
+    def energy(self) -> Tensor:
+        """Squared norm of each sample, `[S]` float64."""
+        return (self.signals * self.signals).sum((1, 2), dtype=torch.float64)
 
     def run(self, advance: Advance) -> Mixtures:
         """Grows, exchanges and polishes the lobes of every sample."""
@@ -90,15 +101,14 @@ class CorrectiveSearch:
                 growing[rows] = self._forward(mixtures, rows)
             advance(len(growing))
         self._polish(mixtures)
-        rows = self._unsolved(mixtures)
-        for rank in range(self.config.exchanges):
-            rows = rows[mixtures.present[rows].sum(1) > rank]
-            pilot, rest = rows[:PILOT_ROWS], rows[PILOT_ROWS:]
-            gain = self._exchange(mixtures, pilot, rank)
-            if len(rest) and gain < PILOT_GAIN:
-                break
-            self._exchange(mixtures, rest, rank)
+        for turn in range(self.config.exchanges):
+            rows = self._unsolved(mixtures)
+            few = rows[:: -(-len(rows) // FEW_ROWS) or 1]
+            gain = self._exchange(mixtures, few, turn)
             advance(len(growing))
+            if len(few) < len(rows) and gain < LEAST_GAIN:
+                break
+        self._borrow(mixtures)
         return mixtures
 
     def _polish(self, mixtures: Mixtures) -> None:
@@ -131,23 +141,60 @@ class CorrectiveSearch:
         mixtures.put(rows[paid], after.take(torch.nonzero(paid).squeeze(1)))
         return paid & (after.loss > ENERGY_FLOOR * self.energy[rows])
 
-    def _exchange(self, mixtures: Mixtures, rows: Tensor, rank: int) -> float:
-        """Searches a better lobe in the place of the `rank`-th weakest of samples `rows [s]`.
+    def _exchange(self, mixtures: Mixtures, rows: Tensor, turn: int) -> float:
+        """Searches a better lobe in the place of one of each of samples `rows [s]`.
 
-        Returns the mean share of their error that this took away.
+        The weakest goes first, and so on by `turn`. Returns the mean share of the error that this
+        took away.
         """
         if not len(rows):
             return 0.0
         before = mixtures.take(rows)
         share = before.weights.square().sum(2) * self._norms(before)
         order = torch.where(before.present, share, torch.inf).argsort(1)
-        present = before.present.scatter(1, order[:, rank, None], False)
+        place = turn % before.present.sum(1).clamp(min=1)  # [s]
+        dropped = order.gather(1, place[:, None])  # [s, 1]
+        present = before.present.scatter(1, dropped, False)
         without = Mixtures(before.model, before.coordinates, present, before.weights, before.loss)
         trial = self._add_best(self._refine(without, rows, 0), rows)
         trial = self._refine(trial, rows, self.config.final_steps)
         better = torch.nonzero(trial.loss < before.loss).squeeze(1)
         mixtures.put(rows[better], trial.take(better))
         return float((1.0 - trial.loss / before.loss).clamp(min=0.0).mean())
+
+    def _borrow(self, mixtures: Mixtures) -> None:
+        """Fits every unsolved sample anew with the lobes of all samples, and keeps what is better.
+
+        Samples of one material get stuck in different places: what one of them found frees
+        another.
+        """
+        rows = self._unsolved(mixtures)
+        order = (mixtures.loss / self.energy.clamp(min=TINY)).argsort(stable=True)
+        used = mixtures.present[order]  # lobes of the best fits first
+        if not len(rows) or not bool(used.any()):
+            return
+        model = mixtures.model[order.cpu()][used.cpu()]
+        coordinates = mixtures.coordinates[order][used]
+        atoms = self.grid.eval(decode(model, coordinates))
+        atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
+        kept = distinct(atoms, SAME_LOBE)
+        model, where = model[kept], kept.to(atoms.device)
+        coordinates, atoms = coordinates[where], atoms[where]
+        signals = self.signals[rows]
+        chosen = select_corrective(
+            atoms @ atoms.T,
+            (signals @ atoms.T).transpose(1, 2),
+            (signals * signals).sum(2, dtype=torch.float64),
+            max_lobes=self.config.max_lobes,
+            min_gain=self.config.min_gain,
+        )
+        start = self._empty().take(rows)
+        start.model[:] = model[chosen.index.clamp(min=0).cpu()]
+        start.coordinates[:] = coordinates[chosen.index.clamp(min=0)]
+        start.present[:] = chosen.index >= 0
+        trial = self._refine(start, rows, self.config.refine_steps)
+        better = torch.nonzero(trial.loss < mixtures.loss[rows]).squeeze(1)
+        mixtures.put(rows[better], trial.take(better))
 
     def _norms(self, mixtures: Mixtures) -> Tensor:
         """Squared norm of every lobe, `[S, M]`."""

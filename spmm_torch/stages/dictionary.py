@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..config import DictionaryConfig
 from ..lobe import LobeBatch
-from .grid import DirectionGrid
+from .grid import DirectionGrid, distinct
 
 
 @dataclass(frozen=True)
@@ -19,12 +19,12 @@ class FoundLobes:
     Attributes:
         lobes: N lobes.
         cluster: cluster of the sample that each was found on, `[N]` on the CPU.
-        share: how much of its sample's energy each explains, `[N]` on the CPU; ranks repeats.
+        error: share of its sample's energy that the sample's lobes leave, `[N]` on the CPU.
     """
 
     lobes: LobeBatch
     cluster: Tensor
-    share: Tensor
+    error: Tensor
 
 
 @dataclass(frozen=True)
@@ -47,31 +47,21 @@ class Dictionary:
 def build_dictionary(
     found: FoundLobes, cluster_count: int, grid: DirectionGrid, config: DictionaryConfig
 ) -> Dictionary:
-    """Merges lobes whose correlation is above `config.merge`; the one that explains more stays."""
+    """Merges lobes whose correlation is above `config.merge`; that of the better fit stays."""
     values = grid.eval(found.lobes)
     norm = values.norm(dim=1)
     visible = torch.nonzero(norm > 0.0).squeeze(1)
-    rank = found.share[visible.cpu()].argsort(descending=True, stable=True)
+    rank = found.error[visible.cpu()].argsort(stable=True)
     order = visible[rank.to(visible.device)]
     atoms = values[order] / norm[order, None]
     owner = found.cluster[order.cpu()]
     if config.scope == "shared":
-        kept = _distinct(atoms, config.merge)
+        kept = distinct(atoms, config.merge)
         choices = [torch.arange(len(kept))] * cluster_count
     else:
         groups = [torch.nonzero(owner == k).squeeze(1) for k in range(cluster_count)]
-        groups = [group[_distinct(atoms[group.to(atoms.device)], config.merge)] for group in groups]
+        groups = [group[distinct(atoms[group.to(atoms.device)], config.merge)] for group in groups]
         kept = torch.cat(groups)
         choices = list(torch.arange(len(kept)).split([len(group) for group in groups]))
     where = kept.to(atoms.device)
     return Dictionary(found.lobes[order][where], atoms[where], norm[order][where], choices)
-
-
-def _distinct(atoms: Tensor, limit: float) -> Tensor:
-    """Indices on the CPU of atoms `[J, D]` that no earlier kept one resembles, in their order."""
-    alike = (atoms @ atoms.T > limit).cpu().triu(1)
-    kept = torch.ones(len(atoms), dtype=torch.bool)
-    for row in range(len(atoms)):
-        if kept[row]:
-            kept &= ~alike[row]
-    return torch.nonzero(kept).squeeze(1)

@@ -61,3 +61,13 @@ class DirectionGrid:
             model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view
         )
         return rho.flatten(1).unflatten(0, model.shape), slope.flatten(2).unflatten(0, model.shape)
+
+
+def distinct(atoms: Tensor, limit: float) -> Tensor:
+    """Indices on the CPU of atoms `[J, D]` that no earlier kept one resembles, in their order."""
+    alike = (atoms @ atoms.T > limit).cpu().triu(1)
+    kept = torch.ones(len(atoms), dtype=torch.bool)
+    for row in range(len(atoms)):
+        if kept[row]:
+            kept &= ~alike[row]
+    return torch.nonzero(kept).squeeze(1)

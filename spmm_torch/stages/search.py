@@ -9,17 +9,20 @@ from ..config import FitConfig
 from ..data import BTF
 from ..lobe import Feasible, decode
 from .bank import build_bank
-from .corrective import Advance, CorrectiveSearch, Mixtures
+from .corrective import FEW_ROWS, Advance, CorrectiveSearch, Mixtures
 from .dictionary import FoundLobes
 from .grid import DirectionGrid
 from .stagewise import StagewiseSearch
+
+# Normals of the bank where the settings leave them open: few samples can afford a finer one.
+FINE_NORMALS, COARSE_NORMALS = 120, 64
 
 
 def search_steps(config: FitConfig, samples: int) -> int:
     """How many units the search of so many samples advances by."""
     if config.search.method == "stagewise":
         return samples
-    return samples * (config.search.max_lobes + config.search.exchanges)
+    return samples * config.search.max_lobes
 
 
 def search_lobes(
@@ -38,25 +41,26 @@ def search_lobes(
     """
     search = config.search
     feasible = Feasible.build(search.min_width * grid.spacing)
-    bank = build_bank(grid, search.models, search.bank_normals, feasible)
+    normals = search.bank_normals
+    if normals is None:
+        normals = FINE_NORMALS if len(texels) <= FEW_ROWS else COARSE_NORMALS
+    bank = build_bank(grid, search.models, normals, feasible)
     signals = btf.texels(texels, grid.light.device).transpose(1, 2).contiguous()  # [S, C, D]
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
             grid, bank, feasible, search, config.stagewise, signals, generator
         )
-        mixtures = finder.run(advance)
-    else:
-        energy = (signals * signals).sum((1, 2), dtype=torch.float64)
-        mixtures = CorrectiveSearch(grid, bank, feasible, search, signals, energy).run(advance)
-    return _found(mixtures, clusters, grid)
+        return _found(finder.run(advance), clusters, signals)
+    found = CorrectiveSearch(grid, bank, feasible, search, signals).run(advance)
+    return _found(found, clusters, signals)
 
 
-def _found(mixtures: Mixtures, clusters: Tensor, grid: DirectionGrid) -> FoundLobes:
-    """All lobes that carry weight, with the share of energy that each stands for."""
+def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor) -> FoundLobes:
+    """All lobes that carry weight, and how well the sample of each is fit."""
     used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
     host = used.cpu()
     lobes = decode(mixtures.model[host], mixtures.coordinates[used])
-    owner = clusters[:, None].expand(host.shape)[host]
-    share = mixtures.weights[used].square().sum(1)
-    share = share * grid.eval(lobes).square().sum(1)
-    return FoundLobes(lobes, owner, share.cpu())
+    energy = (signals * signals).sum((1, 2), dtype=torch.float64)
+    error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
+    wide = [column.cpu()[:, None].expand(host.shape)[host] for column in (clusters, error)]
+    return FoundLobes(lobes, *wide)

@@ -91,7 +91,7 @@ def _fit_cluster(
         totals = Totals(
             energy=float(products.energy.sum()),
             without_residual=float(error.sum()),
-            with_residual=float(error.sum() - taken + len(texels) * rounding),
+            with_residual=float((error.sum() - taken).clamp(min=0.0) + len(texels) * rounding),
             cluster_mean=float(products.energy.sum() - len(texels) * products.mean_energy.sum()),
         )
     lobe = torch.where(fit.index >= 0, where[fit.index.clamp(min=0)], -1)  # [n, M]
