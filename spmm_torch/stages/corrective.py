@@ -101,12 +101,15 @@ class CorrectiveSearch:
                 growing[rows] = self._forward(mixtures, rows)
             advance(len(growing))
         self._polish(mixtures)
+        idle = 0  # turns in a row that did not pay
         for turn in range(self.config.exchanges):
             rows = self._unsolved(mixtures)
             few = rows[:: -(-len(rows) // FEW_ROWS) or 1]
             gain = self._exchange(mixtures, few, turn)
             advance(len(growing))
-            if len(few) < len(rows) and gain < LEAST_GAIN:
+            idle = 0 if gain >= LEAST_GAIN else idle + 1
+            if idle and (len(few) < len(rows) or idle == self.config.max_lobes):
+                advance(len(growing) * (self.config.exchanges - turn - 1))
                 break
         self._borrow(mixtures)
         return mixtures

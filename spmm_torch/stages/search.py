@@ -22,7 +22,7 @@ def search_steps(config: FitConfig, samples: int) -> int:
     """How many units the search of so many samples advances by."""
     if config.search.method == "stagewise":
         return samples
-    return samples * config.search.max_lobes
+    return samples * (config.search.max_lobes + config.search.exchanges)
 
 
 def search_lobes(

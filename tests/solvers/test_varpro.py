@@ -1,0 +1,113 @@
+"""Variable projection on sums of Gaussians, whose true parameters are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import least_squares, nnls
+from torch import Tensor
+
+from spmm_torch.solvers.varpro import refine_mixtures
+
+GRID = torch.linspace(-3.0, 3.0, 200)
+
+
+def gaussians(x: Tensor) -> Tensor:
+    """exp(-(t - centre)^2 / width^2) of `x [..., 2]`: `[..., 200]`."""
+    return torch.exp(-(((GRID.to(x) - x[..., :1]) / x[..., 1:]) ** 2))
+
+
+def slopes(x: Tensor) -> tuple[Tensor, Tensor]:
+    rho = gaussians(x)
+    offset = GRID.to(x) - x[..., :1]
+    by_centre = rho * 2.0 * offset / x[..., 1:] ** 2
+    by_width = rho * 2.0 * offset**2 / x[..., 1:] ** 3
+    return rho, torch.stack((by_centre, by_width), dim=-2)
+
+
+def refine(start: Tensor, signals: Tensor, present: Tensor | None = None, iterations: int = 60):
+    if present is None:
+        present = torch.ones(start.shape[:2], dtype=torch.bool)
+    return refine_mixtures(
+        lambda x, rows: gaussians(x),
+        lambda x, rows: slopes(x),
+        lambda x, rows: torch.cat((x[..., :1].clamp(-3, 3), x[..., 1:].clamp(0.2, 3)), dim=-1),
+        start,
+        present,
+        signals,
+        iterations=iterations,
+    )
+
+
+def planted(seed: int, samples: int = 6) -> tuple[Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(seed)
+    centre = torch.tensor([-1.2, 1.0]) + 0.3 * torch.rand(samples, 2, generator=generator)
+    width = 0.6 + 0.4 * torch.rand(samples, 2, generator=generator)
+    truth = torch.stack((centre, width), dim=-1)
+    weights = 0.2 + torch.rand(samples, 3, 2, generator=generator)
+    return truth, weights @ gaussians(truth)
+
+
+def test_finds_planted_parameters() -> None:
+    truth, signals = planted(0)
+    result = refine(truth + 0.2, signals)
+    assert torch.allclose(result.coordinates, truth, atol=1e-3)
+    assert (result.loss < 1e-6 * signals.square().sum((1, 2))).all()
+    assert not result.failed.any()
+
+
+def test_matches_scipy_on_noisy_signals() -> None:
+    truth, signals = planted(1)
+    noise = torch.Generator().manual_seed(2)
+    signals = signals + 0.1 * torch.randn(signals.shape, generator=noise)
+    result = refine(truth + 0.2, signals)
+
+    def residuals(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        rho = gaussians(torch.from_numpy(x).view(2, 2)).numpy()
+        return np.concatenate([nnls(rho.T, row)[0] @ rho - row for row in y])
+
+    for sample in range(len(truth)):
+        y = signals[sample].double().numpy()
+        best = least_squares(residuals, (truth[sample] + 0.2).double().flatten().numpy(), args=(y,))
+        assert float(result.loss[sample]) <= 2.0 * best.cost * 1.001
+
+
+def test_batched_equals_looped() -> None:
+    truth, signals = planted(3)
+    whole = refine(truth + 0.2, signals, iterations=5)
+    for sample in range(len(truth)):
+        alone = refine(truth[sample : sample + 1] + 0.2, signals[sample : sample + 1], iterations=5)
+        assert torch.allclose(alone.coordinates[0], whole.coordinates[sample], atol=1e-4)
+
+
+def test_never_worse_than_its_start() -> None:
+    truth, signals = planted(4)
+    start = truth + torch.tensor([1.5, 0.8])
+    before = refine(start, signals, iterations=0).loss
+    assert (refine(start, signals, iterations=3).loss <= before).all()
+
+
+def test_padding_has_no_weight_and_no_effect() -> None:
+    truth, signals = planted(5)
+    padded = torch.cat((truth + 0.2, torch.ones(len(truth), 1, 2)), dim=1)
+    present = torch.tensor([True, True, False]).expand(len(truth), 3)
+    result = refine(padded, signals, present)
+    assert (result.weights[:, 2] == 0.0).all()
+    assert torch.allclose(result.coordinates[:, :2], truth, atol=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+def test_scale_of_the_signal_does_not_matter(scale: float) -> None:
+    truth, signals = planted(6)
+    result = refine(truth + 0.2, signals * scale)
+    assert torch.allclose(result.coordinates, truth, atol=1e-2)
+
+
+def test_bad_row_is_flagged_and_leaves_the_others_alone() -> None:
+    truth, signals = planted(7)
+    broken = signals.clone()
+    broken[2] = torch.nan
+    result = refine(truth + 0.2, broken)
+    assert result.failed.tolist() == [row == 2 for row in range(len(truth))]
+    assert torch.allclose(result.coordinates[0], truth[0], atol=1e-3)
