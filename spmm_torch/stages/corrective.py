@@ -18,7 +18,7 @@ from ..lobe import COORDINATES, Feasible, decode
 from ..solvers.corrective import select_corrective
 from ..solvers.varpro import refine_mixtures
 from .bank import Bank
-from .grid import DirectionGrid, distinct
+from .grid import SAME_LOBE, DirectionGrid, distinct
 
 # A sample whose error is this share of its energy is done: 70 dB, the rounding of float32.
 ENERGY_FLOOR = 1e-7
@@ -30,10 +30,7 @@ CPU_SLOPES, CUDA_SLOPES = 1 << 24, 1 << 30
 # Lobes are exchanged on so many samples, spread over all clusters, with many restarts each; where
 # there are more samples, they go on only while that takes this share of the error away.
 FEW_ROWS, LEAST_GAIN = 32, 0.03
-
-
-# Lobes that correlate more than this are one where samples borrow from one another.
-SAME_LOBE = 0.999
+# Keeps the ratio of a loss to the energy of a black sample finite.
 TINY = torch.finfo(torch.float32).tiny
 
 Advance = Callable[[int], None]

@@ -10,6 +10,9 @@ from torch import Tensor
 from ..geometry import angular_spacing
 from ..lobe import LobeBatch, decode, eval_with_jacobian
 
+# A lobe that correlates more than this with one that a search already has is that one.
+SAME_LOBE = 0.999
+
 
 @dataclass(frozen=True)
 class DirectionGrid:

@@ -34,11 +34,7 @@ def search_lobes(
     generator: torch.Generator,
     advance: Advance,
 ) -> FoundLobes:
-    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2].
-
-    Where texels may have fewer lobes than samples, samples get that few too: their lobes must
-    do the work alone.
-    """
+    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2]."""
     search = config.search
     feasible = Feasible.build(search.min_width * grid.spacing)
     normals = search.bank_normals
@@ -50,9 +46,9 @@ def search_lobes(
         finder = StagewiseSearch.build(
             grid, bank, feasible, search, config.stagewise, signals, generator
         )
-        return _found(finder.run(advance), clusters, signals)
-    found = CorrectiveSearch(grid, bank, feasible, search, signals).run(advance)
-    return _found(found, clusters, signals)
+    else:
+        finder = CorrectiveSearch(grid, bank, feasible, search, signals)
+    return _found(finder.run(advance), clusters, signals)
 
 
 def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor) -> FoundLobes:

@@ -19,10 +19,8 @@ from ..solvers.adam import minimize_adam
 from ..solvers.lbfgs import OptimizeResult, minimize_lbfgs
 from .bank import Bank
 from .corrective import Mixtures
-from .grid import DirectionGrid
+from .grid import SAME_LOBE, DirectionGrid
 
-# A lobe this close to one that the sample already has is that one.
-SAME_LOBE = 0.999
 # xi of [ZY07] in units of eta^2, above the rounding of float32.
 STEP_TOLERANCE = 1e-3
 # Direction pairs are drawn by energy with this share of uniform draws, so that dark pairs count.
