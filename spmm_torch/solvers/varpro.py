@@ -119,12 +119,11 @@ class _State:
     def moved(self, trial: Tensor, fit: _Fit, better: Tensor) -> _State:
         """The state after a trial, which counts where it is `better [S]`."""
         wide = better[:, None, None]
-        factor = torch.where(better, DAMPING_DOWN, DAMPING_UP)
         return _State(
             torch.where(wide, trial, self.coordinates),
             torch.where(wide, fit.weights, self.weights),
             torch.where(better, fit.loss, self.loss),
-            (self.damping * factor).clamp(DAMPING_MIN, DAMPING_MAX),
+            next_damping(self.damping, better),
         )
 
 
@@ -155,6 +154,20 @@ def _step(
     share = spread.transpose(1, 2) @ spread  # [S, M P, M P]
     hessian = share * (flat @ flat.transpose(1, 2)).double()
     hessian = hessian - _projected_part(rho, flat, weights, spread, present)
+    return damped_step(hessian, gradient, damping).view(s, m, p)
+
+
+def damped_step(hessian: Tensor, gradient: Tensor, damping: Tensor) -> Tensor:
+    """The step of Marquardt `[S, N]` of S problems.
+
+    Args:
+        hessian: or its Gauss-Newton approximation, `[S, N, N]` float64.
+        gradient: `[S, N]` float64.
+        damping: `[S]` float64, relative to the diagonal of the Hessian.
+
+    Returns:
+        0 for parameters without effect, and for problems that have no finite step.
+    """
     diagonal = hessian.diagonal(dim1=1, dim2=2).clamp(min=0.0)
     floor = RIDGE * diagonal.mean(1, keepdim=True) + torch.finfo(torch.float32).tiny
     idle = diagonal <= floor  # no lobe there, or a parameter without effect
@@ -164,7 +177,13 @@ def _step(
     step, info = torch.linalg.solve_ex(system, -(gradient * scale)[..., None])
     step = step.squeeze(-1) * scale * ~idle
     usable = (info == 0)[:, None] & torch.isfinite(step)
-    return torch.where(usable, step, 0.0).view(s, m, p)
+    return torch.where(usable, step, 0.0)
+
+
+def next_damping(damping: Tensor, better: Tensor) -> Tensor:
+    """The damping after a trial that was `better` or not, both `[S]`."""
+    factor = torch.where(better, DAMPING_DOWN, DAMPING_UP)
+    return (damping * factor).clamp(DAMPING_MIN, DAMPING_MAX)
 
 
 def _projected_part(

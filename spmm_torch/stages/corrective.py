@@ -14,11 +14,12 @@ import torch
 from torch import Tensor
 
 from ..config import SearchConfig
-from ..lobe import COORDINATES, Feasible, decode
+from ..lobe import COORDINATES, Feasible, LobeBatch, decode, encode
 from ..solvers.corrective import select_corrective
 from ..solvers.varpro import refine_mixtures
 from .bank import Bank
 from .grid import SAME_LOBE, DirectionGrid, distinct
+from .span import spanned_lobes
 
 # A sample whose error is this share of its energy is done: 70 dB, the rounding of float32.
 ENERGY_FLOOR = 1e-7
@@ -91,9 +92,11 @@ class CorrectiveSearch:
     def run(self, advance: Advance) -> Mixtures:
         """Grows, exchanges and polishes the lobes of every sample."""
         mixtures = self._empty()
-        growing = self.energy > 0.0
+        known = spanned_lobes(self.signals.flatten(0, 1), self.grid, self.bank, self.feasible)
+        self._borrow(mixtures, known)
+        growing = mixtures.loss > ENERGY_FLOOR * self.energy
         for _ in range(self.config.max_lobes):
-            rows = torch.nonzero(growing).squeeze(1)
+            rows = torch.nonzero(growing & ~mixtures.present.all(1)).squeeze(1)
             if len(rows):
                 growing[rows] = self._forward(mixtures, rows)
             advance(len(growing))
@@ -108,7 +111,7 @@ class CorrectiveSearch:
             if idle and (len(few) < len(rows) or idle == self.config.max_lobes):
                 advance(len(growing) * (self.config.exchanges - turn - 1))
                 break
-        self._borrow(mixtures)
+        self._borrow(mixtures, known)
         return mixtures
 
     def _polish(self, mixtures: Mixtures) -> None:
@@ -162,24 +165,19 @@ class CorrectiveSearch:
         mixtures.put(rows[better], trial.take(better))
         return float((1.0 - trial.loss / before.loss).clamp(min=0.0).mean())
 
-    def _borrow(self, mixtures: Mixtures) -> None:
+    def _borrow(self, mixtures: Mixtures, known: LobeBatch) -> None:
         """Fits every unsolved sample anew with the lobes of all samples, and keeps what is better.
 
         Samples of one material get stuck in different places: what one of them found frees
-        another.
+        another. Lobes `known` beforehand are lent too.
         """
         rows = self._unsolved(mixtures)
-        order = (mixtures.loss / self.energy.clamp(min=TINY)).argsort(stable=True)
-        used = mixtures.present[order]  # lobes of the best fits first
-        if not len(rows) or not bool(used.any()):
+        pool = self._pool(mixtures, known)
+        if not len(rows) or not len(pool):
             return
-        model = mixtures.model[order.cpu()][used.cpu()]
-        coordinates = mixtures.coordinates[order][used]
-        atoms = self.grid.eval(decode(model, coordinates))
+        coordinates = encode(pool)
+        atoms = self.grid.eval(pool)
         atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
-        kept = distinct(atoms, SAME_LOBE)
-        model, where = model[kept], kept.to(atoms.device)
-        coordinates, atoms = coordinates[where], atoms[where]
         signals = self.signals[rows]
         chosen = select_corrective(
             atoms @ atoms.T,
@@ -189,12 +187,22 @@ class CorrectiveSearch:
             min_gain=self.config.min_gain,
         )
         start = self._empty().take(rows)
-        start.model[:] = model[chosen.index.clamp(min=0).cpu()]
+        start.model[:] = pool.model[chosen.index.clamp(min=0).cpu()]
         start.coordinates[:] = coordinates[chosen.index.clamp(min=0)]
         start.present[:] = chosen.index >= 0
         trial = self._refine(start, rows, self.config.refine_steps)
         better = torch.nonzero(trial.loss < mixtures.loss[rows]).squeeze(1)
         mixtures.put(rows[better], trial.take(better))
+
+    def _pool(self, mixtures: Mixtures, known: LobeBatch) -> LobeBatch:
+        """Known lobes, then those of all samples, the best fits first; no two alike."""
+        order = (mixtures.loss / self.energy.clamp(min=TINY)).argsort(stable=True)
+        used = mixtures.present[order]
+        own = decode(mixtures.model[order.cpu()][used.cpu()], mixtures.coordinates[order][used])
+        lobes = LobeBatch.cat([known, own])
+        atoms = self.grid.eval(lobes)
+        atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
+        return lobes[distinct(atoms, SAME_LOBE)]
 
     def _norms(self, mixtures: Mixtures) -> Tensor:
         """Squared norm of every lobe, `[S, M]`."""
