@@ -32,6 +32,13 @@ class DataConfig:
     """How the input is read."""
 
     gamma: float = setting(2.2, "exponent that makes 8-bit codes linear", low=0.01, high=10.0)
+    crop: tuple[int, ...] | None = setting(
+        None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
+    )
+    texels: int | None = setting(None, "take about so many texels, spread evenly", low=1)
+    directions: str | None = setting(
+        None, "take every K-th ring, polar angles (0,30,60), or indices (views=0-8;lights=0,4)"
+    )
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,15 @@ class Totals:
     with_residual: float
     cluster_mean: float
 
+    def row(self) -> tuple[float, float, float, float]:
+        """All four in their order; `Totals(*row)` takes them back."""
+        return self.energy, self.without_residual, self.with_residual, self.cluster_mean
+
     @staticmethod
     def sum(parts: Iterable[Totals]) -> Totals:
         """The totals of all parts together."""
-        rows = [(p.energy, p.without_residual, p.with_residual, p.cluster_mean) for p in parts]
-        return Totals(*(math.fsum(column) for column in zip(*rows, strict=True)))
+        columns = zip(*(part.row() for part in parts), strict=True)
+        return Totals(*(math.fsum(column) for column in columns))
 
 
 def snr_db(energy: float, error: float) -> float:

@@ -114,8 +114,9 @@ def _checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: s
     if typing.get_origin(kind) is tuple:
         items = value if isinstance(value, (list, tuple)) else [value]
         if not items:
-            raise ConfigError(f"{where} is empty; expected at least one name.")
-        return tuple(_checked(item, str, metadata, where) for item in items)
+            raise ConfigError(f"{where} is empty; expected at least one value.")
+        inner = typing.get_args(kind)[0]
+        return tuple(_checked(item, inner, metadata, where) for item in items)
     value = _typed(value, kind, where)
     choices, low, high = metadata.get("choices"), metadata.get("low"), metadata.get("high")
     if choices and value not in choices:

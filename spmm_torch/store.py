@@ -46,8 +46,12 @@ def _in_order(content: bytes) -> bytes:
 def write_atomic(path: Path, content: bytes) -> None:
     """Writes a file whole: under another name first, then renamed."""
     temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
+    try:
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
+    except OSError:
+        temporary.unlink(missing_ok=True)  # a full disk needs the room
+        raise
 
 
 def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor], dict[str, str]]:

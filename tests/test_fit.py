@@ -238,9 +238,9 @@ def test_the_papers_method_ends() -> None:
 def test_block_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     btf = noisy(3, 4)
     whole = fit(btf, small()).report["snr_db"]
-    for module in (cluster, texels):
-        monkeypatch.setattr(module, "BLOCK_VALUES", 2 * btf.pair_count * 3)
-    assert len(cluster.texel_blocks(btf)) == 6
+    monkeypatch.setattr(cluster, "CPU_BLOCK_VALUES", 2 * btf.pair_count * 3)
+    monkeypatch.setattr(texels, "CPU_TEXELS", 2)
+    assert cluster.block_texels(btf, torch.device("cpu")) == 2
     blocks = fit(btf, small()).report["snr_db"]
     assert blocks == pytest.approx(whole, abs=1e-3)
 

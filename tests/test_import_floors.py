@@ -18,9 +18,10 @@ SOURCES = {"spmm_torch": "spmm_torch", "cli": "spmm_torch.cli", "viz": "spmm_tor
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors"}),
     frozenset({"schema"}),
-    frozenset({"config", "progress", "stopwatch", "metrics"}),
+    frozenset({"config", "progress", "stopwatch", "metrics", "memory", "ranks", "device"}),
     frozenset({"geometry", "warp"}),
     frozenset({"data", "brdf", "solvers", "store"}),
+    frozenset({"checkpoint"}),
     frozenset({"lobe"}),
     frozenset({"residual"}),
     frozenset({"model"}),
@@ -28,7 +29,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"stages", "edit", "render"}),
     frozenset({"report"}),
     frozenset({"run_folder"}),
-    frozenset({"fit"}),
+    frozenset({"fit", "convert", "synthesize"}),
     frozenset({"cli", "viz"}),
 )
 LEVEL = {unit: level for level, floor in enumerate(FLOORS) for unit in floor}

@@ -72,7 +72,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "choice": ({"method": "fats"}, "method is 'fats'; expected one of slow, fast; did you mean"),
     "choice in list": ({"kinds": ["red", "gren"]}, "kinds is 'gren'; .*did you mean green?"),
     "list of numbers": ({"kinds": [3]}, "kinds is 3; expected a name"),
-    "empty list": ({"kinds": []}, "kinds is empty; expected at least one name"),
+    "empty list": ({"kinds": []}, "kinds is empty; expected at least one value"),
 }
 
 

@@ -1,4 +1,4 @@
-"""BTF data: one lazy texel-major `BTF`, and one module for each file format.
+"""BTF data: one lazy texel-major `BTF`, and one module or package for each file format.
 
 A reader is a module with `accepts(path) -> bool`, which judges by content and not by extension,
 and `read(path, options) -> BTF`. A new format = one module and one entry in `READERS`.
@@ -11,35 +11,61 @@ from pathlib import Path
 from types import ModuleType
 
 from ..errors import DataError
-from . import npz, ubo2003
+from . import npz, picture_set, ubo2014
 from .btf import BTF, DISPLAY_GAMMA
-from .npz import write_npz
 from .options import ReadOptions
+from .selection import Selection, select_part
 from .store import Progress
+from .writers import write_npz
 
-__all__ = ["BTF", "READERS", "Progress", "ReadOptions", "load_btf", "sample_path", "write_npz"]
+__all__ = [
+    "BTF",
+    "READERS",
+    "Progress",
+    "ReadOptions",
+    "Selection",
+    "load_btf",
+    "sample_path",
+    "select_part",
+    "write_npz",
+]
 
-READERS: tuple[ModuleType, ...] = (npz, ubo2003)
+READERS: tuple[ModuleType, ...] = (ubo2014, npz, picture_set)
 SAMPLE_NAME = "WEAVE40.zip"
 EXPECTED = (
-    "expected a UBO2003 zip or folder (pictures named like "
-    "'00008 tl000 pl000 tv030 pv030.jpg') or an NPZ with values, view and light"
+    "expected a zip or folder of JPEG, PNG, Radiance or OpenEXR pictures named by their angles "
+    "(like '00008 tl000 pl000 tv030 pv030.jpg'), a UBO2014 .btf, or an NPZ with values, view and "
+    "light"
 )
 
 
-def load_btf(path: Path | str, *, gamma: float = DISPLAY_GAMMA, threads: int = 0) -> BTF:
-    """Open a BTF of any known format; its pictures are decoded at first use.
+def load_btf(
+    path: Path | str,
+    *,
+    gamma: float = DISPLAY_GAMMA,
+    threads: int = 0,
+    selection: Selection | None = None,
+    seed: int = 0,
+) -> BTF:
+    """Open a BTF of any known format; its values are decoded at first use.
 
     Args:
-        path: a zip, folder or NPZ.
+        path: a zip, folder, `.btf` or NPZ.
         gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
         threads: how many pictures are decoded at once; 0 = one for each core.
+        selection: the part to take; all of it by default.
+        seed: of the choice of texels, where a selection asks for a number of them.
 
     Raises:
         DataError: nothing there, no known format, or malformed.
         ConfigError: an option out of its range.
     """
     options = ReadOptions(gamma=gamma, threads=threads)
+    btf = _read(path, options)
+    return btf if selection is None else select_part(btf, selection, seed)
+
+
+def _read(path: Path | str, options: ReadOptions) -> BTF:
     source = Path(path)
     if not source.exists():
         raise DataError(f"{path} does not exist; {EXPECTED}; check the path.")
@@ -60,7 +86,7 @@ def _complaint(path: Path) -> str:
         return "is an empty folder" if not any(path.iterdir()) else "holds no BTF pictures"
     if zipfile.is_zipfile(path):
         return "is a zip without BTF pictures"
-    return "is neither a complete zip nor a folder"
+    return "is neither a complete zip nor a folder nor a .btf"
 
 
 def sample_path() -> Path:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -11,7 +13,7 @@ from torch import Tensor
 
 from ..geometry import direction_pairs
 from .percentile import percentile
-from .store import Progress, Store, float_chunks, store_from_views
+from .store import WHOLE, Loading, Part, Progress, Store, float_chunks
 
 DISPLAY_GAMMA = 2.2
 # Fraction of all values that the peak of an HDR BTF does not exceed.
@@ -25,16 +27,18 @@ class BTF:
     """Linear, cosine-weighted reflectance of T = H x W texels under D = V x L direction pairs.
 
     Making one only reads names and headers; pictures are decoded at the first `texels`, or by
-    `load`. Memory then stays at the source's own bit depth: 1 byte a value for 8-bit pictures.
+    `load`. Values then stay at the source's own bit depth: 1 byte a value for 8-bit pictures.
 
     Args:
         name: short name of the material.
         path: where it was read from, as given; empty if made in memory.
         height, width: of the pictures; texel t = row * width + column, row 0 at the top.
         view, light: unit vectors `[V, 3]`, `[L, 3]` float32, pointing away from the surface.
-        bytes_per_value: bit depth of the source: 1 (8 bit), 2 (float16) or 4 (float32).
-        open_store: decodes everything; called once, with the progress function.
+        bytes_per_value: of the source: 1 (8 bit), 4/3 (RGBE), 2 (float16) or 4 (float32).
+        open_store: decodes a part of it; called once.
         hdr: whether values may exceed 1; None if only the decoded values can tell.
+        part: what of the source this is.
+        streamed: whether values are computed anew whenever they are asked for, and never kept.
     """
 
     name: str
@@ -43,10 +47,12 @@ class BTF:
     width: int
     view: Tensor = field(repr=False)
     light: Tensor = field(repr=False)
-    bytes_per_value: int
-    open_store: Callable[[Progress | None], Store] = field(repr=False)
+    bytes_per_value: float
+    open_store: Callable[[Part, Loading], Store] = field(repr=False)
     hdr: bool | None = False
     channels: int = 3
+    part: Part = field(default=WHOLE, repr=False)
+    streamed: bool = False
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
@@ -62,18 +68,38 @@ class BTF:
             DataError: whatever the NPZ reader would refuse.
         """
         # The NPZ reader owns the rules of this layout and needs BTF itself.
-        from .npz import check_layout
+        from .npz import btf_of_array
 
         array = values.detach().cpu().numpy() if isinstance(values, Tensor) else values
-        where = f"the array of BTF {name!r}"
-        view, light = check_layout(array.shape, array.dtype, view, light, where)
-        dtype = torch.float16 if array.dtype.itemsize == 2 else torch.float32
-        store = store_from_views(
-            (np.ascontiguousarray(pictures) for pictures in array), array.shape[:4], dtype, where
+        return btf_of_array(array, view, light, name)
+
+    def restricted(
+        self,
+        texels: Tensor | None = None,
+        size: tuple[int, int] | None = None,
+        *,
+        views: Tensor | None = None,
+        lights: Tensor | None = None,
+    ) -> BTF:
+        """A part of this BTF that decodes, and keeps, no more than that part.
+
+        Args:
+            texels: indices of the texels that make a picture of `size` (height, width).
+            views, lights: indices of the directions that stay, in their new order.
+        """
+        height, width = size or (self.height, self.width)
+        return replace(
+            self,
+            height=height,
+            width=width,
+            view=self.view if views is None else self.view[views],
+            light=self.light if lights is None else self.light[lights],
+            part=Part(
+                _chosen(self.part.texels, texels),
+                _chosen(self.part.views, views),
+                _chosen(self.part.lights, lights),
+            ),
         )
-        height, width = array.shape[2:4]
-        itemsize = array.dtype.itemsize
-        return cls(name, "", height, width, view, light, itemsize, lambda _: store, hdr=None)
 
     @property
     def texel_count(self) -> int:
@@ -88,7 +114,8 @@ class BTF:
     @property
     def raw_bytes(self) -> int:
         """Size of all values at the source's own bit depth, uncompressed."""
-        return self.texel_count * self.pair_count * self.channels * self.bytes_per_value
+        values = self.texel_count * self.pair_count * self.channels
+        return round(values * self.bytes_per_value)
 
     @property
     def is_hdr(self) -> bool:
@@ -99,13 +126,28 @@ class BTF:
         """Light and view `(wi [D, 3], wo [D, 3])` of each direction pair d = view * L + light."""
         return direction_pairs(self.light, self.view)
 
-    def load(self, progress: Progress | None = None) -> BTF:
-        """Decode now, if not yet done; `progress(done, total)` is told after each view.
+    def load(
+        self,
+        progress: Progress | None = None,
+        *,
+        memory: int | None = None,
+        cache: Path | None = None,
+    ) -> BTF:
+        """Decode now, if not yet done.
+
+        Args:
+            progress: told (views done, views in all) after each view.
+            memory: bytes that decoded values may take; what needs more is kept on disk. None: any
+                number.
+            cache: folder for decoded values, reused by later runs; None: the user's own cache
+                folder, and only for what exceeds `memory`.
 
         Raises:
             DataError: a picture cannot be decoded, or a value is not valid.
+            OutputError: the cache cannot be written.
         """
-        self._loaded(progress)
+        if self._store is None:
+            self._store = self.open_store(self.part, Loading(progress, memory, cache))
         return self
 
     def texels(
@@ -143,7 +185,13 @@ class BTF:
             )
         return self._peak
 
-    def _loaded(self, progress: Progress | None = None) -> Store:
-        if self._store is None:
-            self._store = self.open_store(progress)
-        return self._store
+    def _loaded(self) -> Store:
+        self.load()
+        return cast(Store, self._store)
+
+
+def _chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:
+    """Indices into the source of those that are chosen from the ones that were chosen before."""
+    if before is None or index is None:
+        return before if index is None else index
+    return before[index]

@@ -18,8 +18,9 @@ from pathlib import Path, PurePosixPath
 from PIL import Image, JpegImagePlugin
 
 from ..errors import DataError, SPMMError
+from .codecs import DECODE_ERRORS
+from .picture_set import list_pictures
 from .pictures import open_archive, unreadable
-from .ubo2003 import DECODE_ERRORS, list_pictures
 
 # JPEG codes blocks of 8 x 8 samples; with subsampled colour a unit covers 16 x 16 pixels.
 BLOCK = 8

@@ -1,4 +1,4 @@
-"""The NPZ interchange format, read view by view and written through a temporary name.
+"""Reader of the NPZ interchange format, view by view.
 
 Arrays: `values [V, L, H, W, 3]` float16 or float32, linear and cosine-weighted; `view [V, 3]`
 and `light [L, 3]`, unit vectors that point away from the surface. A file counts as HDR if and
@@ -7,11 +7,10 @@ only if a value exceeds 1; its peak is then the 99.9th percentile, else 1.
 
 from __future__ import annotations
 
+import hashlib
 import math
-import os
 import zipfile
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,16 +21,21 @@ import torch
 from numpy.lib import format as npy
 from torch import Tensor
 
-from ..errors import DataError, OutputError
+from ..errors import DataError
 from .btf import BTF
+from .cache import entry_key
+from .codes import FloatExpansion
 from .directions import checked_directions
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import ZIP_ERRORS, material_name, open_zip
-from .store import ArrayStore, Progress, store_from_views
+from .store import Loading, Part, Store
+from .transpose import Place, ViewSource, open_store
 
 MEMBERS = ("values", "view", "light")
 LAYOUT = "values [V, L, H, W, 3] float16 or float32, view [V, 3] and light [L, 3]"
-READ_ERRORS = (*ZIP_ERRORS, OSError, ValueError)
+# Deflate makes nothing smaller than by this factor.
+DEFLATE_RATIO = 1032
+READ_ERRORS = (*ZIP_ERRORS, OSError, ValueError, KeyError)
 
 
 @dataclass(frozen=True)
@@ -65,17 +69,73 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     except READ_ERRORS as error:
         raise _damaged(source, error) from error
     view, light = check_layout(header.shape, header.dtype, view, light, str(source))
-    return BTF(
-        name=material_name(source),
-        path=str(path),
-        height=header.shape[2],
-        width=header.shape[3],
-        view=view,
-        light=light,
-        bytes_per_value=header.dtype.itemsize,
-        open_store=partial(_open_store, source),
-        hdr=None,
+    views = partial(_iterate_views, source, header)
+    key = partial(_content, source)
+    return _btf(
+        material_name(source), str(path), header, view, light, f"'values' of {path}", views, key
     )
+
+
+def btf_of_array(array: np.ndarray, view: Tensor, light: Tensor, name: str) -> BTF:
+    """A BTF of values `[V, L, H, W, 3]` in memory.
+
+    Raises:
+        DataError: the shape or type of the values is wrong, or a direction is not valid.
+    """
+    where = f"the array of BTF {name!r}"
+    view, light = check_layout(array.shape, array.dtype, view, light, where)
+    header = ArrayHeader(array.shape, False, array.dtype)
+
+    def views(chosen: Sequence[int]) -> Iterator[np.ndarray]:
+        return (np.ascontiguousarray(array[view]) for view in chosen)
+
+    def key() -> str:
+        return hashlib.blake2b(np.ascontiguousarray(array).tobytes(), digest_size=20).hexdigest()
+
+    return _btf(name, "", header, view, light, where, views, key).load()
+
+
+def _btf(
+    name: str,
+    path: str,
+    header: ArrayHeader,
+    view: Tensor,
+    light: Tensor,
+    where: str,
+    views: Callable[[Sequence[int]], Iterator[np.ndarray]],
+    content: Callable[[], object],
+) -> BTF:
+    """A BTF whose pictures `[L, H, W, 3]` of ascending views are given by `views(chosen)`."""
+    _, _, height, width, _ = header.shape
+
+    def open_part(part: Part, loading: Loading) -> Store:
+        chosen = list(range(len(view))) if part.views is None else part.views.tolist()
+        lights = slice(None) if part.lights is None else part.lights.numpy()
+        texels = slice(None) if part.texels is None else part.texels.numpy()
+        count = height * width if part.texels is None else len(part.texels)
+        light_count = len(light) if part.lights is None else len(part.lights)
+        native = header.dtype.newbyteorder("=")
+
+        def decode(wanted: Sequence[int], place: Place) -> None:
+            order = sorted(wanted, key=lambda place_of: chosen[place_of])
+            for target, pictures in zip(order, views([chosen[i] for i in order]), strict=True):
+                flat = pictures.reshape(len(pictures), height * width, 3)
+                # Of an array in memory that is read-only, a copy: torch asks for one to write to.
+                place(target, np.require(flat[lights][:, texels], native, ("C", "W")))
+
+        def key() -> str:
+            kept = [
+                None if x is None else x.tolist() for x in (part.texels, part.views, part.lights)
+            ]
+            return entry_key((content(), header.shape, str(header.dtype), kept))
+
+        shape = (len(chosen), light_count, count, 3)
+        columns = width if part.texels is None else 0
+        source = ViewSource(where, shape, native, FloatExpansion(), decode, key, columns)
+        return open_store(source, loading)
+
+    itemsize = header.dtype.itemsize
+    return BTF(name, path, height, width, view, light, itemsize, open_part, hdr=None)
 
 
 def check_layout(
@@ -90,7 +150,7 @@ def check_layout(
     Raises:
         DataError: the shape or type of the values is wrong, or a direction is not valid.
     """
-    if len(shape) != 5 or shape[-1] != 3 or 0 in shape:
+    if len(shape) != 5 or shape[-1] != 3 or min(shape) < 1:
         raise DataError(
             f"'values' of {where} has shape {list(shape)}; expected [V, L, H, W, 3] without an "
             f"empty axis; reorder its axes."
@@ -124,11 +184,22 @@ def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
                 )
         with handle.open("values.npy") as stream:
             header = _read_header(stream)
+            needed = stream.tell() + math.prod(header.shape) * header.dtype.itemsize
+        if handle.getinfo("values.npy").file_size < needed:  # before anyone makes room for it
+            raise EOFError("the array ends early")
         return (
             header,
             _read_directions(handle, "view", path),
             _read_directions(handle, "light", path),
         )
+
+
+def _check_size(member: zipfile.ZipInfo, header: ArrayHeader, path: Path) -> None:
+    """Before any memory is taken: whether the member can hold the array that its header names."""
+    claimed = math.prod(header.shape) * header.dtype.itemsize
+    most = min(member.compress_size, path.stat().st_size) * DEFLATE_RATIO
+    if claimed > min(member.file_size, most):
+        raise EOFError(f"{claimed} bytes of values cannot come from {member.compress_size} bytes")
 
 
 def _read_directions(handle: zipfile.ZipFile, key: str, path: Path) -> np.ndarray:
@@ -150,36 +221,40 @@ def _read_header(stream: IO[bytes]) -> ArrayHeader:
     return ArrayHeader(*parse(stream))
 
 
-def _open_store(path: Path, progress: Progress | None) -> ArrayStore:
-    try:
-        with zipfile.ZipFile(path) as handle, handle.open("values.npy") as stream:
-            header = _read_header(stream)
-            dtype = torch.float16 if header.dtype.itemsize == 2 else torch.float32
-            views = _iterate_views(stream, header)
-            where = f"'values' of {path}"
-            return store_from_views(views, header.shape[:4], dtype, where, progress)
-    except READ_ERRORS as error:
-        raise _damaged(path, error) from error
-
-
-def _iterate_views(stream: IO[bytes], header: ArrayHeader) -> Iterator[np.ndarray]:
-    """Pictures `[L, H, W, 3]` of each view, so that never more than one view is in memory twice.
+def _iterate_views(path: Path, header: ArrayHeader, chosen: Sequence[int]) -> Iterator[np.ndarray]:
+    """Pictures `[L, H, W, 3]` of ascending views, so that never more than one is in memory twice.
 
     Arrays in Fortran order scatter a view over the whole file and are read in one piece.
     """
     native = header.dtype.newbyteorder("=")
-    if header.fortran_order:
-        flat = np.frombuffer(stream.read(), dtype=header.dtype)
-        for pictures in flat.reshape(header.shape, order="F"):
-            yield np.ascontiguousarray(pictures, dtype=native)
-        return
     shape = header.shape[1:]
     size = math.prod(shape) * header.dtype.itemsize
-    for _ in range(header.shape[0]):
-        payload = bytearray(size)
-        if stream.readinto(payload) != size:
-            raise EOFError("the array ends early")
-        yield np.frombuffer(payload, dtype=header.dtype).reshape(shape).astype(native, copy=False)
+    try:
+        with zipfile.ZipFile(path) as handle, handle.open("values.npy") as stream:
+            _read_header(stream)
+            start = stream.tell()
+            if header.fortran_order:
+                flat = np.frombuffer(stream.read(), dtype=header.dtype)
+                values = flat.reshape(header.shape, order="F")
+                yield from (np.ascontiguousarray(values[v], dtype=native) for v in chosen)
+                return
+            for view in chosen:
+                stream.seek(start + view * size)
+                payload = bytearray(size)
+                if stream.readinto(payload) != size:
+                    raise EOFError("the array ends early")
+                pictures = np.frombuffer(payload, dtype=header.dtype).reshape(shape)
+                yield pictures.astype(native, copy=False)
+            if chosen and chosen[-1] == header.shape[0] - 1:
+                stream.read(1)  # only at its end does a member show that it is whole
+    except READ_ERRORS as error:
+        raise _damaged(path, error) from error
+
+
+def _content(path: Path) -> list[tuple[str, int]]:
+    """What a zip says of the content of its members."""
+    with open_zip(path) as handle:
+        return [(info.filename, info.CRC) for info in handle.infolist()]
 
 
 def _damaged(path: Path, error: Exception) -> DataError:
@@ -187,41 +262,3 @@ def _damaged(path: Path, error: Exception) -> DataError:
         f"{path} cannot be read ({error}); expected an NPZ with {LAYOUT}, without pickled objects; "
         f"save it again with numpy.savez."
     )
-
-
-def write_npz(path: Path | str, btf: BTF) -> None:
-    """Write a BTF as NPZ; nothing is left at `path` unless all of it was written.
-
-    float16 sources stay float16, all others become float32.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    destination = Path(path)
-    temporary = destination.with_name(f".{destination.name}.{os.getpid()}.tmp")
-    btf.load()
-    try:
-        _write_members(temporary, btf)
-        os.replace(temporary, destination)
-    except OSError as error:
-        raise OutputError(
-            f"{destination} cannot be written ({error}); expected a writable folder with enough "
-            f"space; choose another place."
-        ) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-
-
-def _write_members(path: Path, btf: BTF) -> None:
-    dtype = np.dtype("<f2") if btf.bytes_per_value == 2 else np.dtype("<f4")
-    shape = (len(btf.view), len(btf.light), btf.height, btf.width, btf.channels)
-    header = {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as handle:
-        for key, vectors in (("view", btf.view), ("light", btf.light)):
-            with handle.open(f"{key}.npy", "w") as stream:
-                npy.write_array(stream, vectors.numpy(), allow_pickle=False)
-        with handle.open("values.npy", "w", force_zip64=True) as stream:
-            npy.write_array_header_1_0(stream, header)
-            for view in range(len(btf.view)):
-                stream.write(btf.pictures(view).numpy().astype(dtype, order="C").tobytes())

@@ -1,25 +1,27 @@
-"""Reader of UBO2003: a zip or folder of one 8-bit picture for each pair of directions.
+"""Reader of picture sets: a zip or folder of one picture for each pair of directions.
 
 The names tell the directions: `<NAME>/MANYFILES/tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`
-holds the polar angles t and azimuths p, in degrees, of light l and view v. The pictures are
-gamma-encoded and already multiplied by the cosine of the light.
+holds the polar angles t and azimuths p, in degrees, of light l and view v. How the pictures are
+stored is seen from their first bytes: JPEG and PNG (UBO2003), Radiance (ATRIUM) or OpenEXR. 8-bit
+ones are gamma-encoded, the others linear; all are already multiplied by the cosine of the light.
 """
 
 from __future__ import annotations
 
-import io
 import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
-import torch
-from PIL import Image
 
 from ..errors import DataError
 from .btf import BTF
+from .cache import entry_key, file_hash
+from .codecs import DECODE_ERRORS, SUFFIXES, codec_of, pillow, radiance
+from .codes import Expansion, FloatExpansion, RgbeExpansion, TableExpansion
 from .directions import checked_directions
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import (
@@ -29,16 +31,16 @@ from .pictures import (
     list_files,
     material_name,
     open_archive,
+    open_zip,
     parse_angles,
     unit_vectors,
     unreadable,
 )
-from .store import ArrayStore, Progress, check_not_black, gamma_table
+from .store import Loading, Part, Store
+from .transpose import Place, ViewSource, open_store
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".ppm")
-# Grey pictures become RGB; other modes have no plain meaning as reflectance.
-MODES = frozenset({"RGB", "L"})
-DECODE_ERRORS = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
+# RGBE keeps three values in four bytes.
+RGBE_BYTES = 4.0 / 3.0
 
 
 def accepts(path: Path) -> bool:
@@ -47,7 +49,7 @@ def accepts(path: Path) -> bool:
 
 
 def list_pictures(path: Path) -> list[str]:
-    """Names of all 8-bit pictures in a zip or folder that tell their directions."""
+    """Names of all pictures in a zip or folder that tell their directions."""
     return [name for name in list_files(path) if _is_picture(name)]
 
 
@@ -56,97 +58,165 @@ def _is_picture(name: str) -> bool:
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
-    """Open a UBO2003 zip or folder: scans the names and one header, decodes nothing.
+    """Open a picture set: scans the names and one picture, decodes no other.
 
     Raises:
         DataError: a pair of directions is missing or doubled, or the first picture is broken.
     """
     source = Path(path)
-    grid = arrange(list_pictures(source), source)
-    with open_archive(source) as archive:
-        height, width = _size(archive, grid.files[0], source)
+    pictures = PictureSet.scan(source, options)
     return BTF(
         name=material_name(source),
         path=str(path),
-        height=height,
-        width=width,
-        view=checked_directions(unit_vectors(grid.view), f"the set of views in {source}"),
-        light=checked_directions(unit_vectors(grid.light), f"the set of lights in {source}"),
-        bytes_per_value=1,
-        open_store=partial(_open_store, source, grid, (height, width), options),
+        height=pictures.size[0],
+        width=pictures.size[1],
+        view=checked_directions(unit_vectors(pictures.grid.view), f"the set of views in {source}"),
+        light=checked_directions(
+            unit_vectors(pictures.grid.light), f"the set of lights in {source}"
+        ),
+        bytes_per_value=pictures.bytes_per_value,
+        open_store=pictures.open_store,
+        hdr=False if pictures.codec is pillow else None,
     )
 
 
-def _size(archive: Archive, name: str, path: Path) -> tuple[int, int]:
-    (payload,) = archive.read([name])
-    try:
-        with Image.open(io.BytesIO(payload)) as image:
-            return image.height, image.width
-    except DECODE_ERRORS as error:
-        raise unreadable(path, name, error) from error
+@dataclass(frozen=True)
+class PictureSet:
+    """All pictures of one BTF.
+
+    Attributes:
+        path: zip or folder.
+        grid: directions and files.
+        codec: of every picture.
+        size: (height, width) of every picture.
+        dtype, width: type and number of code elements of a pixel.
+        options: of the reader.
+    """
+
+    path: Path
+    grid: PictureGrid
+    codec: ModuleType
+    size: tuple[int, int]
+    dtype: np.dtype
+    width: int
+    options: ReadOptions
+
+    @classmethod
+    def scan(cls, path: Path, options: ReadOptions) -> PictureSet:
+        """Arranges the pictures by their names and looks into the first one."""
+        grid = arrange(list_pictures(path), path)
+        with open_archive(path) as archive:
+            (payload,) = archive.read(grid.files[:1])
+        codec = codec_of(payload)
+        try:
+            size = codec.read_size(payload)
+            first = _codes(codec, payload) if codec is not pillow else np.zeros((1, 1, 3), np.uint8)
+        except DECODE_ERRORS as error:
+            raise unreadable(path, grid.files[0], error) from error
+        return cls(path, grid, codec, size, first.dtype, first.shape[2], options)
+
+    @property
+    def bytes_per_value(self) -> float:
+        """Of the source, per channel."""
+        return RGBE_BYTES if self.codec is radiance else float(self.dtype.itemsize)
+
+    @property
+    def expansion(self) -> Expansion:
+        """How the codes become values."""
+        if self.codec is pillow:
+            return TableExpansion.gamma(self.options.gamma)
+        return RgbeExpansion() if self.codec is radiance else FloatExpansion()
+
+    def open_store(self, part: Part, loading: Loading) -> Store:
+        """Decodes a part of the pictures."""
+        texels = self.size[0] * self.size[1] if part.texels is None else len(part.texels)
+        files = self._files(part)  # [V', L'] names
+        shape = (len(files), len(files[0]), texels, self.width)
+
+        def decode(views: Sequence[int], place: Place) -> None:
+            threads = self.options.thread_count
+            with open_archive(self.path) as archive, ThreadPoolExecutor(threads) as pool:
+
+                def decode_view(view: int) -> None:
+                    place(view, self._decode(archive, files[view], part))
+
+                for _ in pool.map(decode_view, views):
+                    pass  # raises what a thread raised
+
+        def key() -> str:
+            chosen = [name for row in files for name in row]
+            kept = None if part.texels is None else part.texels.tolist()
+            return entry_key((*_fingerprint(self.path, chosen), shape, str(self.dtype), kept))
+
+        columns = self.size[1] if part.texels is None else 0
+        source = ViewSource(str(self.path), shape, self.dtype, self.expansion, decode, key, columns)
+        return open_store(source, loading)
+
+    def _files(self, part: Part) -> list[list[str]]:
+        lights = len(self.grid.light)
+        light_index = range(lights) if part.lights is None else part.lights.tolist()
+        view_index = range(len(self.grid.view)) if part.views is None else part.views.tolist()
+        return [[self.grid.files[v * lights + l] for l in light_index] for v in view_index]  # noqa: E741
+
+    def _decode(self, archive: Archive, names: Sequence[str], part: Part) -> np.ndarray:
+        """Codes `[L', T', B]` of the pictures of one view.
+
+        Raises:
+            DataError: names the file that is broken, or unlike the first one.
+        """
+        height, width = self.size
+        texels = None if part.texels is None else part.texels.numpy()
+        count = height * width if texels is None else len(texels)
+        codes = np.empty((len(names), count, self.width), dtype=self.dtype)
+        for row, name, payload in zip(codes, names, archive.read(names), strict=True):
+            try:
+                picture = self._decode_one(payload, name)
+            except DECODE_ERRORS as error:
+                raise unreadable(self.path, name, error) from error
+            flat = picture.reshape(height * width, self.width)
+            row[...] = flat if texels is None else flat[texels]
+        return codes
+
+    def _decode_one(self, payload: bytes, name: str) -> np.ndarray:
+        codes = _codes(self.codec, payload)
+        if codes.shape[:2] != self.size:
+            raise DataError(
+                f"picture {name!r} in {self.path} is {codes.shape[1]} x {codes.shape[0]}; "
+                f"expected {self.size[1]} x {self.size[0]} like the first one; all pictures must "
+                f"be registered texel by texel: replace or rescale this one."
+            )
+        if (codes.dtype, codes.shape[2]) != (self.dtype, self.width):
+            if np.issubdtype(self.dtype, np.floating) and codes.dtype == np.float16:
+                return codes.astype(self.dtype)
+            raise DataError(
+                f"picture {name!r} in {self.path} has values of {codes.dtype}; expected "
+                f"{self.dtype} like the first one; store all pictures in one way."
+            )
+        return codes
 
 
-def _open_store(
-    path: Path,
-    grid: PictureGrid,
-    size: tuple[int, int],
-    options: ReadOptions,
-    progress: Progress | None,
-) -> ArrayStore:
-    """Decode all pictures into texel-major codes `[T, D, 3]` uint8, a view to a task."""
-    view_count, light_count = len(grid.view), len(grid.light)
-    codes = np.empty((size[0] * size[1], len(grid.files), 3), dtype=np.uint8)  # [T, D, 3]
-    brightest = 0
-
-    with open_archive(path) as archive, ThreadPoolExecutor(options.thread_count) as pool:
-
-        def decode_view(view: int) -> int:
-            pairs = slice(view * light_count, (view + 1) * light_count)
-            pictures = decode(archive, grid.files[pairs], size, path)  # [L, T, 3]
-            transpose_into(codes[:, pairs], pictures)
-            return int(pictures.max())
-
-        for view, maximum in enumerate(pool.map(decode_view, range(view_count))):
-            brightest = max(brightest, maximum)
-            if progress is not None:
-                progress(view + 1, view_count)
-
-    check_not_black(brightest, str(path))
-    return ArrayStore(torch.from_numpy(codes), gamma_table(options.gamma), is_hdr=False)
+def _codes(codec: ModuleType, payload: bytes) -> np.ndarray:
+    """Codes `[H, W, B]` of a picture that the codec must know."""
+    if codec is not pillow and not codec.accepts(payload):
+        raise ValueError(f"it is not stored like the first one, as {codec.__name__.split('.')[-1]}")
+    return codec.decode(payload)
 
 
-def decode(archive: Archive, names: Sequence[str], size: tuple[int, int], path: Path) -> np.ndarray:
-    """Pictures `[N, H * W, 3]` uint8 of the given files.
+def _fingerprint(path: Path, names: Sequence[str]) -> list[tuple[str, int | str]]:
+    """Names and content hashes of some files; a zip keeps its own.
 
     Raises:
-        DataError: names the file that is broken, of another size or of another mode.
+        DataError: a file is not there any more.
     """
-    pictures = np.empty((len(names), *size, 3), dtype=np.uint8)  # [N, H, W, 3]
-    for picture, name, payload in zip(pictures, names, archive.read(names), strict=True):
-        try:
-            with Image.open(io.BytesIO(payload)) as image:
-                _check_picture(image, size, name, path)
-                image.load()  # here, so that a truncated file raises its own error
-                picture[...] = image if image.mode == "RGB" else image.convert("RGB")
-        except DECODE_ERRORS as error:
-            raise unreadable(path, name, error) from error
-    return pictures.reshape(len(names), -1, 3)
-
-
-def _check_picture(image: Image.Image, size: tuple[int, int], name: str, path: Path) -> None:
-    if (image.height, image.width) != size:
+    try:
+        if path.is_dir():
+            with ThreadPoolExecutor() as pool:
+                hashes = pool.map(lambda name: file_hash(path / name), names)
+                return list(zip(names, hashes, strict=True))
+        with open_zip(path) as handle:
+            return [(name, handle.getinfo(name).CRC) for name in names]
+    except (OSError, KeyError) as error:
         raise DataError(
-            f"picture {name!r} in {path} is {image.width} x {image.height}; expected "
-            f"{size[1]} x {size[0]} like the first one; all pictures must be registered texel "
-            f"by texel: replace or rescale this one."
-        )
-    if image.mode not in MODES:
-        raise DataError(
-            f"picture {name!r} in {path} has mode {image.mode}; expected 8-bit RGB or grey; "
-            f"convert it to RGB."
-        )
-
-
-def transpose_into(target: np.ndarray, pictures: np.ndarray) -> None:
-    """Write pictures `[N, T, 3]` to `target [T, N, 3]`, a whole texel of 3 bytes at a time."""
-    target.view("V3")[..., 0] = pictures.view("V3")[..., 0].T
+            f"a picture in {path} cannot be read any more ({error}); expected all that were there "
+            f"when it was opened; restore it and start again."
+        ) from error

@@ -58,7 +58,7 @@ class Archive:
     def _read_member(self, name: str) -> bytes:
         try:
             return self._handle.read(name)
-        except (*ZIP_ERRORS, OSError) as error:
+        except (*ZIP_ERRORS, OSError, KeyError) as error:
             raise unreadable(self._path, name, error) from error
 
 

@@ -10,12 +10,15 @@ from torch import Tensor
 
 from ..config import ClusterConfig, SampleConfig
 from ..data import BTF
+from ..memory import slices
+from ..ranks import ALONE, Ranks
 from ..solvers.kmeans import kmeans
 
 # Columns that the randomized sketch carries beyond the components asked for [HMT11, §4.2].
 OVERSAMPLING = 8
-# Values that are held as float32 at once while the data are passed over: 256 MB.
-BLOCK_VALUES = 1 << 26
+# Values that are held as float32 at once while the data are passed over: 128 MB on a CPU, 2 GB on
+# a GPU. The same whatever memory there is, so that sums round the same.
+CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES = 1 << 25, 1 << 29
 
 Advance = Callable[[int], None]
 
@@ -34,11 +37,26 @@ class Clusters:
     labels: Tensor
     members: list[Tensor]
 
+    @classmethod
+    def of_labels(cls, points: Tensor, labels: Tensor) -> Clusters:
+        """The clusters that labels 0 to K - 1 make."""
+        count = int(labels.max()) + 1
+        return cls(points, labels, [torch.nonzero(labels == k).squeeze(1) for k in range(count)])
 
-def texel_blocks(btf: BTF) -> list[slice]:
-    """Slices of consecutive texels that fit in BLOCK_VALUES."""
-    size = max(1, BLOCK_VALUES // (btf.pair_count * btf.channels))
-    return [slice(i, min(i + size, btf.texel_count)) for i in range(0, btf.texel_count, size)]
+    def to_tensors(self) -> dict[str, Tensor]:
+        """For a checkpoint."""
+        return {"points": self.points, "labels": self.labels}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> Clusters:
+        """From a checkpoint."""
+        return cls.of_labels(tensors["points"], tensors["labels"])
+
+
+def block_texels(btf: BTF, device: torch.device) -> int:
+    """How many texels are passed over at once."""
+    values = CUDA_BLOCK_VALUES if device.type == "cuda" else CPU_BLOCK_VALUES
+    return max(1, values // (btf.pair_count * btf.channels))
 
 
 def principal_points(
@@ -47,6 +65,7 @@ def principal_points(
     generator: torch.Generator,
     device: torch.device,
     advance: Advance,
+    ranks: Ranks = ALONE,
 ) -> Tensor:
     """Coordinates `[T, P]` of the texels on their leading right singular vectors.
 
@@ -57,19 +76,21 @@ def principal_points(
     width = btf.pair_count * btf.channels
     rank = min(components + OVERSAMPLING, btf.texel_count, width)
     probe = torch.randn(width, rank, generator=generator).to(device)
-    blocks = texel_blocks(btf)
-    back = torch.zeros(width, rank, device=device)
-    for block in blocks:  # Y^T (Y probe), without keeping Y
+    blocks = list(slices(btf.texel_count, block_texels(btf, device)))
+    mine = blocks[ranks.rank :: ranks.size]
+    # In float64, so that the order of the blocks does not show.
+    back = torch.zeros(width, rank, dtype=torch.float64, device=device)
+    for block in mine:  # Y^T (Y probe), without keeping Y
         values = btf.texels(block, device).flatten(1)
         back += values.T @ (values @ probe)
-        advance(len(values))
-    basis = torch.linalg.qr(back).Q  # [D C, rank], spans the leading right singular vectors
-    parts = []
-    for block in blocks:
+        advance(ranks.size * len(values))
+    basis = torch.linalg.qr(ranks.sum(back).float()).Q  # [D C, rank], the right singular space
+    points = torch.zeros(btf.texel_count, rank)
+    for block in mine:
         values = btf.texels(block, device).flatten(1)
-        parts.append((values @ basis).cpu())
-        advance(len(values))
-    points = torch.cat(parts)
+        points[block] = (values @ basis).cpu()
+        advance(ranks.size * len(values))
+    points = ranks.sum(points)  # each row is zero on all ranks but one
     rotation = torch.linalg.svd(points, full_matrices=False).Vh.T
     return (points @ rotation)[:, :components]
 
@@ -80,13 +101,15 @@ def cluster_texels(
     generator: torch.Generator,
     device: torch.device,
     advance: Advance,
+    ranks: Ranks = ALONE,
 ) -> Clusters:
     """k-means of all texels; fewer clusters where there are fewer distinct texels."""
-    points = principal_points(btf, config.components, generator, device, advance)
+    points = principal_points(btf, config.components, generator, device, advance, ranks)
     count = min(config.count, btf.texel_count)
-    labels = kmeans(points, count, generator, iterations=config.iterations).labels
-    members = [torch.nonzero(labels == k).squeeze(1) for k in range(int(labels.max()) + 1)]
-    return Clusters(points, labels, members)
+    labels = ranks.first(
+        lambda: kmeans(points, count, generator, iterations=config.iterations).labels
+    )
+    return Clusters.of_labels(points, labels)
 
 
 def sample_texels(

@@ -26,6 +26,20 @@ class FoundLobes:
     cluster: Tensor
     error: Tensor
 
+    def on_cpu(self) -> FoundLobes:
+        """The same with the lobes on the CPU."""
+        return FoundLobes(self.lobes.to("cpu"), self.cluster, self.error)
+
+    def to_tensors(self) -> dict[str, Tensor]:
+        """For a checkpoint."""
+        return {"cluster": self.cluster, "error": self.error, **vars(self.lobes)}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> FoundLobes:
+        """From a checkpoint, on the CPU."""
+        parts = (tensors[name] for name in ("model", "kappa", "normal", "angle"))
+        return cls(LobeBatch(*parts), tensors["cluster"], tensors["error"])
+
 
 @dataclass(frozen=True)
 class Dictionary:
@@ -48,7 +62,8 @@ def build_dictionary(
     found: FoundLobes, cluster_count: int, grid: DirectionGrid, config: DictionaryConfig
 ) -> Dictionary:
     """Merges lobes whose correlation is above `config.merge`; that of the better fit stays."""
-    values = grid.eval(found.lobes)
+    lobes = found.lobes.to(grid.light.device)
+    values = grid.eval(lobes)
     norm = values.norm(dim=1)
     visible = torch.nonzero(norm > 0.0).squeeze(1)
     rank = found.error[visible.cpu()].argsort(stable=True)
@@ -64,4 +79,4 @@ def build_dictionary(
         kept = torch.cat(groups)
         choices = list(torch.arange(len(kept)).split([len(group) for group in groups]))
     where = kept.to(atoms.device)
-    return Dictionary(found.lobes[order][where], atoms[where], norm[order][where], choices)
+    return Dictionary(lobes[order][where], atoms[where], norm[order][where], choices)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..config import FitConfig
+from ..config import FitConfig, SearchConfig
 from ..data import BTF
 from ..lobe import Feasible, decode
 from .bank import build_bank
@@ -25,6 +25,13 @@ def search_steps(config: FitConfig, samples: int) -> int:
     return samples * (config.search.max_lobes + config.search.exchanges)
 
 
+def bank_normals(config: SearchConfig, samples: int) -> int:
+    """How many normals the bank has for so many samples."""
+    if config.bank_normals is not None:
+        return config.bank_normals
+    return FINE_NORMALS if samples <= FEW_ROWS else COARSE_NORMALS
+
+
 def search_lobes(
     btf: BTF,
     texels: Tensor,
@@ -37,10 +44,7 @@ def search_lobes(
     """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2]."""
     search = config.search
     feasible = Feasible.build(search.min_width * grid.spacing)
-    normals = search.bank_normals
-    if normals is None:
-        normals = FINE_NORMALS if len(texels) <= FEW_ROWS else COARSE_NORMALS
-    bank = build_bank(grid, search.models, normals, feasible)
+    bank = build_bank(grid, search.models, bank_normals(search, len(texels)), feasible)
     signals = btf.texels(texels, grid.light.device).transpose(1, 2).contiguous()  # [S, C, D]
     if search.method == "stagewise":
         finder = StagewiseSearch.build(

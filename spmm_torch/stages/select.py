@@ -6,8 +6,7 @@ pairs again, and errors follow exactly from the same numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -20,14 +19,17 @@ from ..solvers.nnls import nnls_gram
 
 @dataclass(frozen=True)
 class Products:
-    """What the fit needs to know of the n texels of a cluster; atoms have unit norm.
+    """What the fit needs to know of n texels of a cluster of N; atoms have unit norm.
 
     Attributes:
         gram: D^T D, `[J, J]`.
         correlation: D^T y, `[n, J, C]`.
         energy: ||y||^2, `[n, C]` float64.
         overlap: <y, mean y>, `[n, C]` float64.
-        mean: mean y over the cluster, `[D, C]`.
+        mean: mean y over the whole cluster, `[D, C]`.
+        mean_correlation: D^T mean y, `[J, C]`.
+        mean_energy: ||mean y||^2, `[C]` float64.
+        count: N.
     """
 
     gram: Tensor
@@ -35,16 +37,18 @@ class Products:
     energy: Tensor
     overlap: Tensor
     mean: Tensor
+    mean_correlation: Tensor
+    mean_energy: Tensor
+    count: int
 
-    @property
-    def mean_correlation(self) -> Tensor:
-        """D^T mean(y), `[J, C]`."""
-        return self.correlation.mean(0)
-
-    @property
-    def mean_energy(self) -> Tensor:
-        """||mean y||^2, `[C]`."""
-        return self.overlap.mean(0)
+    def part(self, texels: slice) -> Products:
+        """The same of some of the n texels; the cluster stays the same."""
+        return replace(
+            self,
+            correlation=self.correlation[texels].to(self.gram.device),
+            energy=self.energy[texels],
+            overlap=self.overlap[texels],
+        )
 
 
 @dataclass(frozen=True)
@@ -59,24 +63,11 @@ class Fit:
     index: Tensor
     weights: Tensor
 
-    def mean_weights(self, atoms: int) -> Tensor:
-        """The cluster's mean weight of every atom, `[J, C]`."""
-        total = self.weights.new_zeros(atoms, self.weights.shape[2])
-        total.index_add_(0, self.index.clamp(min=0).flatten(), self.weights.flatten(0, 1))
-        return total / len(self.index)
-
-
-def cluster_products(blocks: Iterable[Tensor], atoms: Tensor) -> Products:
-    """One pass over the texels of a cluster, blocks `[m, D, C]`, with its atoms `[J, D]`."""
-    signals = [values.transpose(1, 2).contiguous() for values in blocks]  # [m, C, D]
-    mean = sum(block.sum(0) for block in signals) / sum(len(block) for block in signals)  # [C, D]
-    return Products(
-        gram=atoms @ atoms.T,
-        correlation=torch.cat([(block @ atoms.T).transpose(1, 2) for block in signals]),
-        energy=torch.cat([(block * block).sum(2, dtype=torch.float64) for block in signals]),
-        overlap=torch.cat([(block * mean).sum(2, dtype=torch.float64) for block in signals]),
-        mean=mean.T,
-    )
+    def total_weights(self, atoms: int) -> Tensor:
+        """The sum over the texels of the weight of every atom, `[J, C]` float64."""
+        total = self.weights.new_zeros(atoms, self.weights.shape[2], dtype=torch.float64)
+        weights = self.weights.flatten(0, 1).double()
+        return total.index_add_(0, self.index.clamp(min=0).flatten(), weights)
 
 
 def select(
@@ -112,18 +103,23 @@ class Target:
     energy: Tensor
 
 
-def target_beside_residual(products: Products, fit: Fit | None, share: float) -> Target:
-    """The target y - share * residual, with the residual that `fit` leaves its cluster.
+def target_beside_residual(products: Products, mean: Tensor | None, share: float) -> Target:
+    """The target y - share * residual, with the residual that `mean` weights leave the cluster.
 
     Minimizing ||y - D x||^2 (1 - share) + ||y - D x - residual||^2 share over x is the same as
-    fitting D x to it. Without a fit the residual is the cluster's mean.
+    fitting D x to it.
+
+    Args:
+        products: of the texels.
+        mean: weight of every atom, mean over the cluster, `[J, C]`; None: zeros, so that the
+            residual is the cluster's mean.
+        share: of the residual, 0 to 1.
     """
     if share == 0.0:
         return Target(products.correlation, products.energy)
-    atoms, channels = products.mean_correlation.shape
-    mean = products.correlation.new_zeros(atoms, channels)
-    if fit is not None:
-        mean = fit.mean_weights(atoms)  # [J, C]
+    if mean is None:
+        mean = torch.zeros_like(products.mean_correlation)
+    mean = mean.to(products.gram.dtype)
     residual = products.mean_correlation - products.gram @ mean  # D^T residual, [J, C]
     along = products.overlap - torch.einsum("njc,jc->nc", products.correlation, mean).double()
     own = products.mean_energy - ((products.mean_correlation + residual) * mean).sum(0).double()
@@ -146,12 +142,8 @@ def refit(products: Products, fit: Fit, target: Target) -> Fit:
     return _compact(Fit(fit.index, weights.transpose(1, 2).to(fit.weights.dtype)))
 
 
-def squared_errors(products: Products, fit: Fit) -> tuple[Tensor, Tensor]:
-    """Errors of a cluster, exact in dictionary space.
-
-    Returns:
-        (without residual, of each texel `[n]`; what the residual takes away from their sum `[]`).
-    """
+def squared_errors(products: Products, fit: Fit) -> Tensor:
+    """What the lobes alone leave of each texel, `[n]` float64, exact in dictionary space."""
     slots = fit.index.clamp(min=0)
     channels = fit.weights.shape[2]
     weights = fit.weights.double()  # zero where padded
@@ -159,10 +151,15 @@ def squared_errors(products: Products, fit: Fit) -> tuple[Tensor, Tensor]:
     gram = products.gram[slots[:, :, None], slots[:, None, :]].double()
     quadratic = torch.einsum("nac,nab,nbc->n", weights, gram, weights)
     error = products.energy.sum(1) - 2.0 * (weights * chosen).sum((1, 2)) + quadratic
-    mean = fit.mean_weights(products.gram.shape[0]).double()
+    return error.clamp(min=0.0)
+
+
+def taken_by_residual(products: Products, mean: Tensor) -> float:
+    """How much less the residual leaves of the whole cluster, given its `mean [J, C]` weights."""
+    mean = mean.double()
     taken = products.mean_energy.sum() - 2.0 * (mean * products.mean_correlation).sum()
     taken = taken + (mean * (products.gram.double() @ mean)).sum()
-    return error.clamp(min=0.0), len(fit.index) * taken.clamp(min=0.0)
+    return products.count * max(float(taken), 0.0)
 
 
 def residual_share(without: float, taken: float, texels: int) -> float:

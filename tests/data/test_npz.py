@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from pathlib import Path
 
@@ -54,7 +55,7 @@ def test_read(tmp_path: Path, dtype: str, order: str, savez: object) -> None:
 
 def test_memory_stays_float16() -> None:
     btf = BTF.from_values(make_values(np.float16), VIEW, LIGHT)
-    assert btf.load()._store.codes.dtype == torch.float16
+    assert btf.load()._store.codes.rows(None).dtype == torch.float16
     assert btf.texels().dtype == torch.float32
 
 
@@ -192,6 +193,29 @@ def test_truncated_array(tmp_path: Path) -> None:
             target.writestr(name, content[:-8] if name == "values.npy" else content)
     with pytest.raises(DataError, match="ends early"):
         load_btf(tmp_path / "b.npz").load()
+
+
+def test_no_room_for_values_that_are_not_there(tmp_path: Path) -> None:
+    header = io.BytesIO()
+    shape = (2, 3, 1 << 20, 1 << 20, 3)
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f4", "fortran_order": False, "shape": shape}
+    )
+    whole = save(tmp_path / "a.npz")
+    with zipfile.ZipFile(whole) as source, zipfile.ZipFile(tmp_path / "b.npz", "w") as target:
+        for name in ("view.npy", "light.npy"):
+            target.writestr(name, source.read(name))
+        target.writestr("values.npy", header.getvalue() + bytes(100))
+    with pytest.raises(DataError, match="ends early"):
+        load_btf(tmp_path / "b.npz")  # before anyone looks for the memory
+
+
+def test_read_only_arrays(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", make_values())
+    btf = BTF.from_values(np.load(tmp_path / "a.npy", mmap_mode="r"), VIEW, LIGHT)
+    assert torch.equal(btf.texels(), texel_major(make_values()))
+    swapped = BTF.from_values(make_values().astype(">f4"), VIEW, LIGHT)
+    assert torch.equal(swapped.texels(), btf.texels())
 
 
 def test_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ import pytest
 import torch
 from PIL import Image
 
-from spmm_torch.data import load_btf, sample_path, ubo2003
+from spmm_torch.data import load_btf, picture_set, sample_path
 from spmm_torch.geometry import ring_directions
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
@@ -43,7 +43,7 @@ def test_sample_is_a_crop_of_its_source() -> None:
     source = SHARED / "WEAVE64.zip"
     if not source.is_file():
         pytest.skip(f"{source} is not on this machine")
-    names = ubo2003.list_pictures(source)[::500]
+    names = picture_set.list_pictures(source)[::500]
     squared = []
     with zipfile.ZipFile(source) as whole, zipfile.ZipFile(sample_path()) as part:
         for name in names:

@@ -7,14 +7,15 @@ import torch
 from torch import Tensor
 
 from spmm_torch.config import SelectConfig, StagewiseConfig
+from spmm_torch.stages.products import cluster_products
 from spmm_torch.stages.select import (
     Fit,
     Products,
-    cluster_products,
     refit,
     residual_share,
     select,
     squared_errors,
+    taken_by_residual,
     target_beside_residual,
 )
 
@@ -26,7 +27,18 @@ def case(seed: int = 0) -> tuple[Tensor, Tensor, Products]:
     atoms = torch.rand(ATOMS, PAIRS, generator=generator)
     atoms = atoms / atoms.norm(dim=1, keepdim=True)
     values = torch.rand(TEXELS, PAIRS, CHANNELS, generator=generator)
-    return atoms, values, cluster_products([values[:5], values[5:]], atoms)
+    parts = [slice(0, 5), slice(5, TEXELS)]
+    return atoms, values, cluster_products(lambda p: values[p], parts, (TEXELS, CHANNELS), atoms)
+
+
+def mean_weights(fit: Fit) -> Tensor:
+    """The mean weight of every atom, `[J, C]`."""
+    return fit.total_weights(ATOMS) / TEXELS
+
+
+def errors(products: Products, fit: Fit) -> tuple[Tensor, float]:
+    """(without residual, of each texel; what the residual takes away from their sum)."""
+    return squared_errors(products, fit), taken_by_residual(products, mean_weights(fit))
 
 
 def chosen(products: Products, method: str = "corrective", **settings: object) -> Fit:
@@ -45,7 +57,7 @@ def test_errors_equal_the_direct_sums(method: str) -> None:
     atoms, values, products = case()
     fit = chosen(products, method)
     left = values - expand(fit, atoms)
-    error, taken = squared_errors(products, fit)
+    error, taken = errors(products, fit)
     assert torch.allclose(error.float(), left.square().sum((1, 2)), rtol=1e-4)
     with_residual = (left - left.mean(0)).square().sum()
     assert float(error.sum() - taken) == pytest.approx(float(with_residual), rel=1e-3)
@@ -57,7 +69,7 @@ def test_target_equals_values_minus_residual(share: float) -> None:
     fit = chosen(products)
     residual = (values - expand(fit, atoms)).mean(0)
     direct = values - share * residual
-    target = target_beside_residual(products, fit, share)
+    target = target_beside_residual(products, mean_weights(fit), share)
     expected = torch.einsum("jd,ndc->njc", atoms, direct)
     assert torch.allclose(target.correlation, expected, atol=1e-4)
     assert torch.allclose(target.energy.float(), direct.square().sum(1), rtol=1e-3)
@@ -70,11 +82,11 @@ def test_alternation_around_the_mean_never_leaves_more_than_the_mean() -> None:
     of_mean = float(products.energy.sum() - TEXELS * products.mean_energy.sum())
     last = of_mean
     for _ in range(4):
-        error, taken = squared_errors(products, fit)
+        error, taken = errors(products, fit)
         now = float(error.sum() - taken)
         assert now <= last * (1.0 + 1e-5)
         last = now
-        fit = refit(products, fit, target_beside_residual(products, fit, 1.0))
+        fit = refit(products, fit, target_beside_residual(products, mean_weights(fit), 1.0))
 
 
 @pytest.mark.parametrize("method", ["corrective", "stagewise"])

@@ -1,0 +1,183 @@
+"""Radiance pictures (.hdr): three mantissas and one shared exponent, a byte each.
+
+A code (r, g, b, e) means (r, g, b) * 2^(e - 136), and black where e = 0. Radiance itself adds a
+half to each mantissa; OpenCV, FreeImage and stb do not, and neither does this module, so that
+zero stays zero. `EXPOSURE` and `COLORCORR` lines are divided out, as the format asks for: without
+loss where they are powers of two, otherwise rounded to the nearest code.
+
+Format: Radiance's `filefmts.pdf`; its run-length encodings are in `scanlines.py`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from .scanlines import decode_scanlines, encode_scanlines
+
+MAGIC = b"#?"
+ENCODING = "32-bit_rle_rgbe"
+# Headers are a few lines; a file that starts otherwise is not searched to its end.
+MAX_HEADER_LINES = 1000
+MAX_LINE_BYTES = 1 << 16
+MAX_PIXELS = 1 << 28
+NO_SCALE = (1.0, 1.0, 1.0)
+MAX_SCALE = 1e30  # what it leaves of a value still fits into float32
+RESOLUTION = re.compile(r"([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})")
+
+# Mantissas are fractions of 256 and exponents are biased by 128.
+EXPONENT_BIAS = 136
+MAX_CODE = 255
+SCALES = np.ldexp(np.float32(1.0), np.arange(256) - EXPONENT_BIAS)  # [256], of each exponent
+SCALES[0] = 0.0
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the text before the pixels tells; `scale` divides the values of each channel."""
+
+    height: int
+    width: int
+    flip_rows: bool
+    flip_columns: bool
+    scale: tuple[float, ...]
+    offset: int
+
+
+def accepts(head: bytes) -> bool:
+    """Whether a file that starts with these bytes is a Radiance picture."""
+    return head.startswith(MAGIC)
+
+
+def read_size(payload: bytes) -> tuple[int, int]:
+    """(height, width), from the header.
+
+    Raises:
+        ValueError: the header is malformed, or of another encoding.
+    """
+    header = _read_header(payload)
+    return header.height, header.width
+
+
+def decode(payload: bytes) -> np.ndarray:
+    """The codes `[H, W, 4]` uint8 of a picture, row 0 at the top.
+
+    Raises:
+        ValueError: the picture is malformed, truncated, or not in RGBE.
+    """
+    header = _read_header(payload)
+    codes = decode_scanlines(payload[header.offset :], header.height, header.width)
+    if header.flip_rows:
+        codes = codes[::-1]
+    if header.flip_columns:
+        codes = codes[:, ::-1]
+    if header.scale != NO_SCALE:
+        codes = float_to_rgbe(rgbe_to_float(codes) / np.array(header.scale))
+    return np.ascontiguousarray(codes)
+
+
+def encode(picture: np.ndarray) -> bytes:
+    """A Radiance file of codes `[H, W, 4]` uint8, run-length encoded where the width allows it.
+
+    Raises:
+        ValueError: another shape or type, or codes that cannot be told from runs.
+    """
+    if picture.ndim != 3 or picture.shape[2] != 4 or 0 in picture.shape:
+        raise ValueError(f"codes have shape {list(picture.shape)}; expected [H, W, 4]")
+    if picture.dtype != np.uint8:
+        raise ValueError(f"codes have type {picture.dtype}; expected uint8")
+    height, width, _ = picture.shape
+    header = f"#?RADIANCE\nFORMAT={ENCODING}\n\n-Y {height} +X {width}\n".encode("ascii")
+    return header + encode_scanlines(picture)
+
+
+def rgbe_to_float(codes: np.ndarray) -> np.ndarray:
+    """Linear values `[..., 3]` float32 of codes `[..., 4]` uint8, exact."""
+    return codes[..., :3] * SCALES[codes[..., 3:]]
+
+
+def float_to_rgbe(values: np.ndarray) -> np.ndarray:
+    """The nearest codes `[..., 4]` uint8 of linear values `[..., 3]`.
+
+    Raises:
+        ValueError: a value is negative, not a number, or beyond the largest exponent.
+    """
+    exact = np.asarray(values, dtype=np.float64)
+    brightest = exact.max(axis=-1, keepdims=True)  # [..., 1]
+    if not (exact >= 0.0).all() or not np.isfinite(brightest).all():
+        raise ValueError("values are negative or not finite; Radiance pictures cannot hold them")
+    _, power = np.frexp(brightest)
+    # A mantissa that would round up to 256 takes the next exponent.
+    power += np.rint(np.ldexp(brightest, 8 - power)) > MAX_CODE
+    exponent = np.maximum(power + 128, 1)
+    if exponent.max(initial=0) > MAX_CODE:
+        raise ValueError(f"the value {brightest.max():g} is too large for a Radiance picture")
+    mantissas = np.rint(np.ldexp(exact, EXPONENT_BIAS - exponent))
+    exponent = np.where(mantissas.any(axis=-1, keepdims=True), exponent, 0)
+    return np.concatenate((mantissas, exponent), axis=-1).astype(np.uint8)
+
+
+def _read_header(payload: bytes) -> Header:
+    if not accepts(payload):
+        raise ValueError("it does not start like a Radiance picture")
+    scale = NO_SCALE
+    offset = 0
+    for _ in range(MAX_HEADER_LINES):
+        line, offset = _read_line(payload, offset)
+        key, _, value = (part.strip() for part in line.partition("="))
+        if key == "FORMAT" and value != ENCODING:
+            raise ValueError(f"its pixels are {value!r}; expected {ENCODING}: convert it to RGB")
+        if key in ("EXPOSURE", "COLORCORR"):
+            factors = _read_factors(key, value)
+            scale = tuple(a * b for a, b in zip(scale, factors, strict=True))
+        if not line:
+            break
+    else:
+        raise ValueError("its header has no end")
+    if not all(1.0 / MAX_SCALE <= factor <= MAX_SCALE for factor in scale):
+        raise ValueError(f"its exposure is {scale}; expected positive numbers of a sane size")
+    line, offset = _read_line(payload, offset)
+    return Header(*_read_resolution(line), scale, offset)
+
+
+def _read_line(payload: bytes, offset: int) -> tuple[str, int]:
+    """The line at `offset`, without white space around it, and where the next one starts."""
+    end = payload.find(b"\n", offset, offset + MAX_LINE_BYTES)
+    if end < 0:
+        raise ValueError("its header ends early")
+    return payload[offset:end].decode("latin-1").strip(), end + 1
+
+
+def _read_factors(key: str, value: str) -> list[float]:
+    """The factor of each channel in a header line."""
+    factors = [float(word) for word in value.split()]
+    if key == "EXPOSURE":
+        factors = factors * 3
+    if len(factors) != 3:
+        raise ValueError(f"its header line is '{key}={value}'")
+    return factors
+
+
+def _read_resolution(line: str) -> tuple[int, int, bool, bool]:
+    """(height, width, whether rows are flipped, whether columns are) of `-Y height +X width`.
+
+    The files of ATRIUM say `+X width -Y height` although their scanlines are rows, which run from
+    the bottom up.
+    """
+    found = RESOLUTION.fullmatch(line)
+    if found is None:
+        raise ValueError(f"its resolution line is {line[:80]!r}; expected '-Y height +X width'")
+    first_sign, first_axis, first, second_sign, second_axis, second = found.groups()
+    order = first_sign + first_axis + second_sign + second_axis
+    if order == "+X-Y":
+        height, width, flip_rows, flip_columns = int(second), int(first), True, False
+    elif first_axis == "Y" and second_axis == "X":
+        height, width = int(first), int(second)
+        flip_rows, flip_columns = first_sign == "+", second_sign == "-"
+    else:
+        raise ValueError(f"its scanlines run as {line!r}; expected '-Y height +X width'")
+    if not 0 < height * width <= MAX_PIXELS:
+        raise ValueError(f"its size is {width} x {height}; expected 1 to {MAX_PIXELS} pixels")
+    return height, width, flip_rows, flip_columns

@@ -1,0 +1,164 @@
+"""The pixels of Radiance pictures, in both of their run-length encodings.
+
+Today's encoding stores each scanline channel by channel: a byte of at most 128 says how many bytes
+follow as they are, one above 128 how often the next byte repeats. The old one stores whole pixels,
+where (1, 1, 1, n) repeats the one before. Files without runs read as the old one.
+
+Source: `color.c` of Radiance.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+# Scanlines of today's encoding start with this and their width, which is in this range. Pixels
+# that start the same have a larger byte next.
+PLANES_MARK = b"\x02\x02"
+MAX_WIDTH_BYTE = b"\x7f"
+MIN_PLANE_WIDTH, MAX_PLANE_WIDTH = 8, 0x7FFF
+MAX_LITERAL = 128  # a header up to this counts bytes that follow, one above it repeats
+MAX_RUN = 127
+MIN_RUN = 4  # shorter runs cost as much as literals
+# In the old encoding the pixel (1, 1, 1, n) repeats the one before; one more at once counts 256 n.
+OLD_RUN_MARK = 1
+MAX_OLD_SHIFT = 24
+
+
+def decode_scanlines(data: bytes, height: int, width: int) -> np.ndarray:
+    """Codes `[H, W, 4]` uint8 of the scanlines in `data`, in the order they are stored.
+
+    Raises:
+        ValueError: the data end early, or a run crosses its end.
+    """
+    if _may_hold_planes(width) and data.startswith(PLANES_MARK) and data[2:3] <= MAX_WIDTH_BYTE:
+        return _decode_planes(data, height, width)
+    return _decode_pixels(data, height, width)
+
+
+def encode_scanlines(codes: np.ndarray) -> bytes:
+    """Scanlines of codes `[H, W, 4]` uint8, with runs where the width allows them.
+
+    Raises:
+        ValueError: a code that cannot be told from a run.
+    """
+    width = codes.shape[1]
+    if _may_hold_planes(width):
+        mark = _mark(width)
+        return b"".join(mark + b"".join(map(_encode_plane, row.T)) for row in codes)
+    if (codes[..., :3] == OLD_RUN_MARK).all(axis=-1).any():
+        raise ValueError(
+            f"a picture {width} pixels wide is written without runs, where the code (1, 1, 1, e) "
+            f"would be taken for one; normalize the codes"
+        )
+    return codes.tobytes()
+
+
+def _may_hold_planes(width: int) -> bool:
+    return MIN_PLANE_WIDTH <= width <= MAX_PLANE_WIDTH
+
+
+def _mark(width: int) -> bytes:
+    """The four bytes that start a scanline of today's encoding."""
+    return PLANES_MARK + width.to_bytes(2, "big")
+
+
+def _decode_planes(data: bytes, height: int, width: int) -> np.ndarray:
+    """Codes `[H, W, 4]` of scanlines that hold each channel on its own, as runs and literals."""
+    mark = _mark(width)
+    shortest = len(mark) + 4 * 2 * math.ceil(width / MAX_RUN)
+    if len(data) < height * shortest:
+        raise ValueError(f"it is truncated: {len(data)} bytes cannot hold {width} x {height}")
+    pieces: list[bytes] = []
+    position = 0
+    for row in range(height):
+        if data[position : position + len(mark)] != mark:
+            raise ValueError(f"scanline {row} does not start with its width")
+        position += len(mark)
+        try:
+            for _ in range(4):
+                position = _append_plane(pieces, data, position, width)
+        except IndexError:
+            raise ValueError(f"it is truncated in scanline {row}") from None
+    flat = np.frombuffer(b"".join(pieces), dtype=np.uint8)
+    if flat.size != height * width * 4:
+        raise ValueError("it is truncated in its last scanline")
+    planes = flat.reshape(height, 4, width)
+    codes = np.empty((height, width, 4), dtype=np.uint8)
+    for channel in range(4):  # faster than one transposed copy
+        codes[..., channel] = planes[:, channel]
+    return codes
+
+
+def _append_plane(pieces: list[bytes], data: bytes, position: int, width: int) -> int:
+    """Appends the `width` bytes of one channel of a scanline; returns where the next one starts.
+
+    Raises:
+        ValueError: a run is empty or too long.
+        IndexError: the data end early.
+    """
+    left = width
+    while left > 0:
+        count = data[position]
+        position += 1
+        if count > MAX_LITERAL:
+            count -= MAX_LITERAL
+            pieces.append(data[position : position + 1] * count)
+            position += 1
+        elif count:
+            pieces.append(data[position : position + count])
+            position += count
+        else:
+            raise ValueError("it holds a run of no pixels")
+        left -= count
+    if left:
+        raise ValueError("a run crosses the end of its scanline")
+    return position
+
+
+def _decode_pixels(data: bytes, height: int, width: int) -> np.ndarray:
+    """Codes `[H, W, 4]` of whole pixels, some of which may repeat the one before (old encoding)."""
+    whole = len(data) // 4 * 4
+    pixels = np.frombuffer(data[:whole], dtype=np.uint8).reshape(-1, 4)  # [N, 4]
+    index = np.arange(len(pixels))
+    is_run = (pixels[:, :3] == OLD_RUN_MARK).all(axis=1)  # [N]
+    source = np.maximum.accumulate(np.where(is_run, -1, index))  # the pixel that is repeated
+    shift = 8 * np.maximum(index - source - 1, 0)
+    count = np.where(is_run, pixels[:, 3].astype(np.int64) << np.minimum(shift, MAX_OLD_SHIFT), 1)
+    filled = np.cumsum(count)
+    needed = height * width
+    last = int(np.searchsorted(filled, needed))
+    if last == len(filled):
+        raise ValueError(f"it is truncated: {len(data)} bytes do not fill {width} x {height}")
+    if filled[last] != needed or source[0] < 0 or shift[: last + 1].max() > MAX_OLD_SHIFT:
+        raise ValueError("a run has no pixel before it, or crosses the end of the picture")
+    chosen = np.repeat(source[: last + 1], count[: last + 1])  # [H * W]
+    return pixels[chosen].reshape(height, width, 4)
+
+
+def _encode_plane(plane: np.ndarray) -> bytes:
+    """The `[W]` bytes of one channel of a scanline as runs and literals."""
+    starts = np.concatenate(([0], np.flatnonzero(plane[1:] != plane[:-1]) + 1))
+    lengths = np.diff(starts, append=len(plane))
+    payload = plane.tobytes()
+    pieces: list[bytes] = []
+    position = 0
+    for start, length in zip(
+        starts[lengths >= MIN_RUN].tolist(), lengths[lengths >= MIN_RUN].tolist(), strict=True
+    ):
+        pieces += _literals(payload[position:start])
+        pieces += _runs(payload[start : start + 1], length)
+        position = start + length
+    return b"".join(pieces + _literals(payload[position:]))
+
+
+def _literals(payload: bytes) -> list[bytes]:
+    parts = [payload[i : i + MAX_LITERAL] for i in range(0, len(payload), MAX_LITERAL)]
+    return [bytes((len(part),)) + part for part in parts]
+
+
+def _runs(value: bytes, length: int) -> list[bytes]:
+    full, rest = divmod(length, MAX_RUN)
+    counts = [MAX_RUN] * full + [rest] * (rest > 0)
+    return [bytes((MAX_LITERAL + count,)) + value for count in counts]

@@ -1,0 +1,175 @@
+"""Codes: the values of a BTF as its source keeps them, and how they become linear floats.
+
+Codes are texel-major, `[T, D, B]`, in memory or in a file. Keeping the source's own bits, 1 byte a
+value for 8-bit pictures and 4 bytes a pixel for RGBE, is smaller than any float and loses nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import OutputError
+from .codecs.radiance import SCALES
+
+# Codes that are looked up at once: their index and their result stay in the second-level cache.
+LOOKUP_CHUNK = 1 << 17
+# Texels of a file that are mapped at once where few bytes of each are wanted.
+MAPPED_TEXELS = 1 << 12
+
+Index = Tensor | slice | None
+
+
+class Codes(Protocol):
+    """Texel-major codes `[T, D, B]`."""
+
+    def rows(self, index: Index) -> Tensor:
+        """The codes of some texels, `[n, D, B]`, on the CPU; not to be written to."""
+        ...
+
+    def columns(self, start: int, stop: int) -> Tensor:
+        """The codes of consecutive pairs of all texels, `[T, stop - start, B]`."""
+        ...
+
+
+@dataclass(frozen=True)
+class MemoryCodes:
+    """Codes in memory."""
+
+    codes: Tensor
+
+    def rows(self, index: Index) -> Tensor:
+        if index is None:
+            return self.codes
+        if isinstance(index, slice):
+            return self.codes[index]
+        return self.codes.index_select(0, positions(index))
+
+    def columns(self, start: int, stop: int) -> Tensor:
+        return self.codes[:, start:stop]
+
+
+@dataclass(frozen=True)
+class FileCodes:
+    """Codes in a `.npy` file.
+
+    The file is mapped anew for every read: pages that were touched are given back at once, and
+    memory stays flat however large the file.
+    """
+
+    path: Path
+
+    @cached_property
+    def shape(self) -> tuple[int, ...]:
+        """(T, D, B)."""
+        return self._map().shape
+
+    def rows(self, index: Index) -> Tensor:
+        if index is None:
+            index = slice(None)
+        chosen = index if isinstance(index, slice) else positions(index).numpy()
+        return torch.from_numpy(np.array(self._map()[chosen]))
+
+    def columns(self, start: int, stop: int) -> Tensor:
+        texels, _, width = self.shape
+        codes = np.empty((texels, stop - start, width), dtype=self._map().dtype)
+        for first in range(0, texels, MAPPED_TEXELS):
+            block = slice(first, first + MAPPED_TEXELS)
+            codes[block] = self._map()[block, start:stop]
+        return torch.from_numpy(codes)
+
+    def _map(self) -> np.memmap:
+        try:
+            return np.lib.format.open_memmap(self.path, mode="r")
+        except (OSError, ValueError) as error:
+            raise OutputError(
+                f"the decoded values in {self.path} cannot be read any more ({error}); expected "
+                f"them to stay while they are in use; start again."
+            ) from error
+
+
+def positions(index: Tensor) -> Tensor:
+    """A texel index, or a mask of texels, as positions on the CPU."""
+    index = index.cpu()
+    return index.nonzero().flatten() if index.dtype == torch.bool else index
+
+
+class Expansion(Protocol):
+    """How codes become values."""
+
+    def __call__(self, codes: Tensor) -> Tensor:
+        """Linear values `[..., C]` float32 of codes `[..., B]`, on the device of the codes."""
+        ...
+
+    def bounds(self, codes: Tensor) -> tuple[float, float]:
+        """The lowest and the highest value of some codes; both NaN if any is."""
+        ...
+
+
+class FloatExpansion:
+    """Codes that are linear values already, float16 or float32."""
+
+    def __call__(self, codes: Tensor) -> Tensor:
+        return codes.float()
+
+    def bounds(self, codes: Tensor) -> tuple[float, float]:
+        low, high = codes.aminmax()
+        return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class TableExpansion:
+    """8-bit codes by a table `[256]`.
+
+    A table, unlike a power, gives the same bits wherever a value lies in its block, so a fit does
+    not depend on the size of the blocks.
+    """
+
+    table: Tensor
+
+    def __call__(self, codes: Tensor) -> Tensor:
+        if codes.device.type != "cpu":
+            return self.table.to(codes.device)[codes.int()]
+        return _look_up(self.table, codes)
+
+    def bounds(self, codes: Tensor) -> tuple[float, float]:
+        low, high = codes.aminmax()  # the table rises
+        return float(self.table[int(low)]), float(self.table[int(high)])
+
+    @classmethod
+    def gamma(cls, gamma: float) -> TableExpansion:
+        """The linear value `(code / 255) ** gamma` of each 8-bit code."""
+        return cls(((torch.arange(256, dtype=torch.float64) / 255.0) ** gamma).float())
+
+
+class RgbeExpansion:
+    """Radiance's shared exponent: `mantissa * 2 ** (exponent - 136)`, 0 where the exponent is."""
+
+    # A table: powers are not exact on every device.
+    scale = TableExpansion(torch.from_numpy(SCALES))
+
+    def __call__(self, codes: Tensor) -> Tensor:
+        return codes[..., :3].float() * self.scale(codes[..., 3:])
+
+    def bounds(self, codes: Tensor) -> tuple[float, float]:
+        low, high = self(codes).aminmax()
+        return float(low), float(high)
+
+
+def _look_up(table: Tensor, codes: Tensor) -> Tensor:
+    """`table[codes]` on the CPU, several times faster than by torch.
+
+    NumPy, because the many small parallel regions of torch stall where cores are shared.
+    """
+    values = torch.empty(codes.shape, dtype=torch.float32)
+    source, target, entries = codes.reshape(-1).numpy(), values.view(-1).numpy(), table.numpy()
+    for start in range(0, source.size, LOOKUP_CHUNK):
+        block = slice(start, start + LOOKUP_CHUNK)
+        np.take(entries, source[block], out=target[block], mode="clip")  # "raise" would copy
+    return values

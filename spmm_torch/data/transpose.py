@@ -1,0 +1,158 @@
+"""From pictures, one view after another, to texel-major codes in memory or in the cache."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..errors import DataError
+from ..memory import slices
+from .cache import CacheEntry
+from .codes import Codes, Expansion, FileCodes, MemoryCodes
+from .store import CodeStore, Loading, check_not_black
+
+# Memory for the pictures of several views where no limit was given: 1 GiB.
+DEFAULT_BAND_BYTES = 1 << 30
+# A part of the memory that a band may take: decoding and transposing need some beside it.
+BAND_SHARE = 0.5
+
+# Texels that are transposed at once.
+TRANSPOSED_TEXELS = 512
+
+Place = Callable[[int, np.ndarray], None]  # (view, its codes [L, T, B])
+
+
+@dataclass(frozen=True)
+class ViewSource:
+    """What a format gives that keeps one picture after another.
+
+    Attributes:
+        where: how messages call it.
+        shape: (V, L, T, B), B code elements a pixel.
+        dtype: of the codes.
+        expand: how codes become values.
+        decode: `decode(views, place)` calls `place(view, codes)` once for each of some ascending
+            views, from any thread and in any order.
+        key: the name of these very codes in a cache.
+        columns: width of the pictures if their texels lie row by row; 0 if they do not.
+    """
+
+    where: str
+    shape: tuple[int, int, int, int]
+    dtype: np.dtype
+    expand: Expansion
+    decode: Callable[[Sequence[int], Place], None]
+    key: Callable[[], str]
+    columns: int = 0
+
+    @property
+    def view_bytes(self) -> int:
+        """Size of the codes of one view."""
+        _, lights, texels, width = self.shape
+        return lights * texels * width * self.dtype.itemsize
+
+    @property
+    def total_bytes(self) -> int:
+        """Size of all codes."""
+        return self.shape[0] * self.view_bytes
+
+
+def open_store(source: ViewSource, loading: Loading) -> CodeStore:
+    """Decodes all views, or finds them in the cache.
+
+    Raises:
+        DataError: a picture cannot be decoded, a value is not valid, or all are zero.
+        OutputError: the cache cannot be written.
+    """
+    small = loading.memory is None or source.total_bytes <= loading.memory
+    if loading.cache is None and small:
+        codes, highest = _into_memory(source, loading)
+    else:
+        codes, highest = _into_cache(source, loading)
+    check_not_black(highest, source.where)
+    return CodeStore(codes, source.expand, is_hdr=highest > 1.0)
+
+
+def _into_memory(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
+    views, lights, texels, width = source.shape
+    codes = np.empty((texels, views * lights, width), dtype=source.dtype)  # [T, D, B]
+    placed = _Placed(source, loading, codes, first=0)
+    source.decode(range(views), placed)
+    return MemoryCodes(torch.from_numpy(codes)), placed.highest
+
+
+def _into_cache(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
+    """Goes through bands of views that fit in memory; finished bands outlast a kill."""
+    views, lights, texels, width = source.shape
+    budget = loading.memory * BAND_SHARE if loading.memory is not None else DEFAULT_BAND_BYTES
+    size = int(min(max(budget // source.view_bytes, 1), views))
+    shape = (texels, views * lights, width)
+    with CacheEntry.open(loading.cache, source.key(), source.where, shape, source.dtype) as entry:
+        if not entry.complete:
+            entry.reserve()
+            for first in range(entry.views_done, views, size):
+                band = range(first, min(first + size, views))
+                codes = np.empty((texels, len(band) * lights, width), dtype=source.dtype)
+                placed = _Placed(source, loading, codes, first)
+                source.decode(band, placed)
+                highest = max(entry.highest, placed.highest)
+                entry.put(codes, first * lights, views_done=band.stop, highest=highest)
+            entry.finish()
+        elif loading.progress is not None:
+            loading.progress(views, views)
+        return FileCodes(entry.path), entry.highest
+
+
+class _Placed:
+    """Puts the pictures of each view of a band into its texel-major codes."""
+
+    def __init__(self, source: ViewSource, loading: Loading, codes: np.ndarray, first: int) -> None:
+        self.source, self.progress = source, loading.progress
+        self.codes, self.first = codes, first
+        self.highest, self.done = 0.0, first
+        self._lock = threading.Lock()
+
+    def __call__(self, view: int, pictures: np.ndarray) -> None:
+        highest = _checked_highest(self.source, view, pictures)
+        lights = self.source.shape[1]
+        start = (view - self.first) * lights
+        transpose_into(self.codes[:, start : start + lights], pictures)
+        with self._lock:
+            self.highest = max(self.highest, highest)
+            self.done += 1
+            if self.progress is not None:
+                self.progress(self.done, self.source.shape[0])
+
+
+def _checked_highest(source: ViewSource, view: int, pictures: np.ndarray) -> float:
+    """The highest value of one view's codes `[L, T, B]`, all of which must be valid."""
+    codes = torch.from_numpy(pictures)
+    low, high = source.expand.bounds(codes)
+    if low >= 0.0 and high < float("inf"):
+        return high
+    values = source.expand(codes)
+    bad = ~(values.isfinite() & (values >= 0))
+    light, texel, channel = (int(i) for i in bad.nonzero()[0])
+    place = f"texel {texel}"
+    if source.columns:
+        place = f"row {texel // source.columns}, column {texel % source.columns}"
+    raise DataError(
+        f"{source.where} holds {float(values[light, texel, channel])} at "
+        f"[view {view}, light {light}, {place}, channel {channel}]; expected finite "
+        f"values that are not negative; mend or replace those values before saving."
+    )
+
+
+def transpose_into(target: np.ndarray, pictures: np.ndarray) -> None:
+    """Writes codes `[L, T, B]` to `target [T, L, B]`, all B elements of a pixel at a time.
+
+    By way of blocks that the cache of a core holds: rows of the target lie far apart.
+    """
+    pixel = f"V{pictures.shape[-1] * pictures.itemsize}"
+    source, rows = pictures.view(pixel)[..., 0], target.view(pixel)[..., 0]
+    for block in slices(pictures.shape[1], TRANSPOSED_TEXELS):
+        rows[block] = np.ascontiguousarray(source[:, block].T)

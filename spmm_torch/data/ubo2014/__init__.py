@@ -1,0 +1,85 @@
+"""The `.btf` files of UBO2014: factorizations of a BTF, read without ever expanding them.
+
+`header` says what a file holds, `layout` finds and checks it, `store` streams values from the
+factors, `colour` turns them into RGB; `factorize` and `write` make such files.
+
+Conventions that the files leave to the reader:
+
+* Values are wanted cosine-weighted. The cosine flag tells whether the cosine of the light is
+  "already multiplied into the data" (the format's authors); where it is zero, values are
+  multiplied here. Headers of version 0 and 1 have no flag: the cosine is taken as included.
+* Pictures and the height map are stored from the bottom row up, and turned here.
+* Reconstruction rings below zero in places: such values become zero. Nothing is cut above.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...geometry import direction_from_angles
+from ..btf import BTF
+from ..directions import checked_directions
+from ..options import DEFAULT_OPTIONS, ReadOptions
+from ..pictures import material_name
+from .header import MAGICS, Header
+from .layout import read_header, read_layout
+from .store import FactorStore, open_store
+from .write import FactorRows, write_factors, write_ubo2014
+
+__all__ = [
+    "FactorRows",
+    "FactorStore",
+    "Header",
+    "accepts",
+    "read",
+    "read_header",
+    "write_factors",
+    "write_ubo2014",
+]
+
+# A BTF counts its raw size as float32 at most.
+MAX_BYTES_PER_VALUE = 4
+
+
+def accepts(path: Path) -> bool:
+    """Whether a file starts like one of the Bonn formats, readable here or not."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        return stream.read(max(map(len, MAGICS))).startswith(MAGICS)
+
+
+def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
+    """Open a `.btf`: reads and checks all but the factors themselves.
+
+    Its values are linear, so `options.gamma` does not touch them.
+
+    Raises:
+        DataError: not supported, damaged, or a direction is not valid.
+    """
+    source = Path(path)
+    layout = read_layout(source)
+    header = layout.header
+    return BTF(
+        name=material_name(source),
+        path=str(path),
+        height=header.height,
+        width=header.width,
+        view=_unit_vectors(header.view, f"the set of views in {source}"),
+        light=_unit_vectors(header.light, f"the set of lights in {source}"),
+        bytes_per_value=min(layout.scalar_bytes, MAX_BYTES_PER_VALUE),
+        open_store=partial(open_store, source, layout),
+        hdr=None,
+        streamed=True,
+    )
+
+
+def _unit_vectors(angles: np.ndarray, where: str) -> Tensor:
+    """Checked unit vectors `[N, 3]` of angles `[N, 2]`: polar and azimuth, radians."""
+    polar, azimuth = torch.from_numpy(angles).double().unbind(-1)
+    return checked_directions(direction_from_angles(polar, azimuth), where)

@@ -1,0 +1,237 @@
+"""Parse a UBO2014 file up to its factors, and check every count against the bytes there are.
+
+Layout of the bytes after the Bonn BTF library and the public loaders that follow it.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import DataError
+from .colour import LOG_YUV, RGB
+from .cursor import Cursor
+from .header import (
+    BEFORE_CHANNELS,
+    BEFORE_COSINE,
+    BEFORE_XML,
+    CHANNEL_NAMES,
+    CHANNELS,
+    DFMF,
+    FMF12,
+    MAGICS,
+    SCALARS,
+    TEXT_BYTES,
+    VARIANTS,
+    WITH_HEIGHT_MAP,
+    WITH_LOG_VALUES,
+    Factors,
+    Header,
+    Layout,
+    Matrix,
+)
+from .sampling import read_sampling
+
+# Where the version starts if the letter R and the size of the header come before it.
+VERSION_AFTER_LETTER = 5
+
+
+def read_header(path: Path | str) -> Header:
+    """What a file says about itself; its factors are not read.
+
+    Raises:
+        DataError: not supported or damaged.
+    """
+    return read_layout(Path(path)).header
+
+
+def read_layout(path: Path) -> Layout:
+    """The header of a file and where its factors lie, all checked.
+
+    Raises:
+        DataError: not supported, damaged, or it cannot be opened.
+    """
+    try:
+        with path.open("rb") as stream:
+            return _parse(Cursor(path, stream, os.fstat(stream.fileno()).st_size))
+    except OSError as error:
+        raise DataError(
+            f"{path} cannot be read ({error}); expected a UBO2014 .btf file; check that it is "
+            f"still there and may be read."
+        ) from error
+
+
+def _parse(cursor: Cursor) -> Layout:
+    variant = _variant(cursor)
+    with_rotations = _has_rotations(cursor)
+    if with_rotations:
+        cursor.skip(1, "the letter R")
+    fields = {"variant": variant} | _description(cursor) | read_sampling(cursor)
+    if with_rotations:
+        fields["rotations"] = _rotations(cursor)
+    if variant == DFMF:
+        header = Header(**fields, **_colour_model(cursor))
+        factors = _channel_factors(cursor, header)
+    else:
+        header = Header(**fields, **(_extension(cursor) if variant == FMF12 else {}))
+        factors = _shared_factors(cursor, header)
+    cursor.finish()
+    return Layout(header, factors)
+
+
+def _variant(cursor: Cursor) -> str:
+    """The name of the format, from the first bytes."""
+    start = cursor.peek(max(map(len, MAGICS)))
+    for name in VARIANTS:
+        if start.startswith(f"!{name}".encode()):
+            cursor.skip(len(name) + 1, "the magic")
+            return name
+    raise cursor.error(
+        f"starts with {start!r}, a kind that is not supported,",
+        0,
+        " or ".join(f"!{name}" for name in VARIANTS),
+    )
+
+
+def _has_rotations(cursor: Cursor) -> bool:
+    """Whether the letter R follows, which announces rotations.
+
+    The size of the header, which may follow instead, can start with that byte, too. What follows
+    five bytes later is then the second byte of the header's version, which is zero, and else the
+    first one, which is not.
+    """
+    following = cursor.peek(VERSION_AFTER_LETTER + 1)
+    return following[:1] == b"R" and following[VERSION_AFTER_LETTER:] != b"\0"
+
+
+def _description(cursor: Cursor) -> dict[str, Any]:
+    """Fields of the header proper, whose length is its own first number."""
+    start = cursor.position
+    size = cursor.integer("<u4", "the size of the header")
+    version = cursor.integer("<u4", "the version of the header")
+    fields: dict[str, Any] = {"version": version, "cosine": None}
+    for key in ("setup", "sensor", "light_source"):
+        fields[key] = cursor.text(TEXT_BYTES, f"the text {key!r}")
+    fields["pixels_per_mm"] = float(cursor.array("<f4", 1, "the resolution")[0])
+    fields["rgb_scale"] = tuple(cursor.array("<f4", CHANNELS, "the scale of RGB").tolist())
+    if version > BEFORE_COSINE:
+        fields["cosine"] = cursor.integer("<u4", "the cosine flag") != 0
+    if version > BEFORE_XML:
+        length = cursor.integer("<u4", "the length of the XML")
+        fields["xml"] = cursor.text(length, "the XML")
+    if version > BEFORE_CHANNELS:
+        fields["channel_names"] = _channel_names(cursor)
+    if cursor.position - start != size:
+        raise cursor.error(
+            f"has a header of {cursor.position - start} bytes that gives its size as {size}",
+            start,
+            "the two to agree",
+        )
+    return fields
+
+
+def _channel_names(cursor: Cursor) -> tuple[str, ...]:
+    offset = cursor.position
+    count = cursor.integer("<u4", "the number of channels")
+    if count != CHANNELS:
+        raise cursor.error(f"has {count} channels", offset, f"{CHANNELS}: {CHANNEL_NAMES}")
+    names = []
+    for _ in range(count):
+        length = cursor.integer("<u4", "the length of a channel's name")
+        names.append(cursor.text(length, "a channel's name"))
+    return tuple(names)
+
+
+def _rotations(cursor: Cursor) -> np.ndarray:
+    count = cursor.integer("<u4", "the number of rotations")
+    return cursor.array("<f4", count * 9, "the rotations").reshape(count, 3, 3)
+
+
+def _colour_model(cursor: Cursor) -> dict[str, Any]:
+    """Fields that only DFMF has."""
+    cursor.integer("<u4", "the number of components")  # each channel tells its own
+    offset = cursor.position
+    model = cursor.integer("<u4", "the colour model")
+    if model not in (RGB, LOG_YUV):
+        raise cursor.error(
+            f"has colour model {model}", offset, f"{RGB} (RGB) or {LOG_YUV} (log Y, U / Y, V / Y)"
+        )
+    return {
+        "colour_model": model,
+        "colour_mean": tuple(cursor.array("<f4", 3, "the mean colour").tolist()),
+        "colour_transform": cursor.array("<f4", 9, "the colour transform").reshape(3, 3),
+    }
+
+
+def _extension(cursor: Cursor) -> dict[str, Any]:
+    """Fields that only FMF12FCE has."""
+    offset = cursor.position
+    version = cursor.integer("<u1", "the version of the extension")
+    if version > WITH_HEIGHT_MAP:
+        raise cursor.error(f"has extension version {version}", offset, f"{WITH_HEIGHT_MAP} at most")
+    fields: dict[str, Any] = {}
+    if version >= WITH_LOG_VALUES:
+        fields["log_values"] = cursor.integer("<u4", "the flag of log values") != 0
+    if version >= WITH_HEIGHT_MAP:
+        width = cursor.integer("<u4", "the width of the height map")
+        height = cursor.integer("<u4", "the height of the height map")
+        if width * height > 0:
+            codes = cursor.array("<u2", width * height, "the height map").reshape(height, width)
+            fields["height_map"] = np.ascontiguousarray(codes[::-1], dtype=np.uint16)
+    return fields
+
+
+def _channel_factors(cursor: Cursor, header: Header) -> tuple[Factors, ...]:
+    """The factors of DFMF, a pair for each channel; all of one type of number."""
+    factors = []
+    for name in header.channel_names:
+        offset = cursor.position
+        dtype = _scalar(cursor)
+        if factors and dtype != factors[0].right.dtype:
+            raise cursor.error(
+                f"holds numbers of {dtype.itemsize} bytes for channel {name!r}",
+                offset,
+                f"{factors[0].right.dtype.itemsize} as for the first channel",
+            )
+        components = cursor.count("components")
+        factors.append(_factors(cursor, header, components, dtype))
+    return tuple(factors)
+
+
+def _shared_factors(cursor: Cursor, header: Header) -> tuple[Factors]:
+    """The factors of FMF, one pair for all channels."""
+    most = cursor.count("components")
+    dtype = _scalar(cursor)
+    components = min(most, cursor.count("components"))
+    return (_factors(cursor, header, components, dtype),)
+
+
+def _scalar(cursor: Cursor) -> np.dtype:
+    offset = cursor.position
+    size = cursor.integer("<u1", "the size of a number")
+    if size not in SCALARS:
+        raise cursor.error(f"holds numbers of {size} bytes", offset, "2, 4 or 8 bytes")
+    return SCALARS[size]
+
+
+def _factors(cursor: Cursor, header: Header, components: int, dtype: np.dtype) -> Factors:
+    """Step over one factorization whose shape must fit the header."""
+    offset = cursor.position
+    rows = cursor.integer("<u4", "the number of rows")
+    columns = cursor.integer("<u4", "the number of columns")
+    if (rows, columns) != (header.factor_rows, header.texel_count):
+        raise cursor.error(
+            f"has factors for {rows} rows and {columns} columns",
+            offset,
+            f"{header.factor_rows} and {header.texel_count}, as the {len(header.view)} views, "
+            f"{len(header.light)} lights and {header.width} x {header.height} texels demand",
+        )
+    matrices = []
+    for count, what in ((1, "the singular values"), (rows, "U"), (columns, "SV")):
+        matrix = Matrix(cursor.position, count, components, dtype)
+        cursor.skip(matrix.nbytes, what)
+        matrices.append(matrix)
+    return Factors(*matrices)

@@ -1,0 +1,87 @@
+"""Products of factors, decoded to RGB tile by tile."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from .colour import decode
+
+# Tiles (texels, direction pairs): three channels of one stay in the cache of a core, or fill a
+# GPU. A matrix product may round otherwise for another number of rows, and a value must not
+# depend on what it was asked together with: every tile has all its rows, zeros where needed.
+CPU_TILE = (64, 2048)
+GPU_TILE = (1024, 8192)
+# Thinner products run through other code, which rounds otherwise: they are made this wide.
+LEAST_PAIRS = 16
+
+
+@dataclass(frozen=True)
+class LeftFactors:
+    """The part of the factors that belongs to direction pairs, on one device.
+
+    Args:
+        planes: U of each channel, transposed `[k, D + LEAST_PAIRS]`; the columns past D are zero.
+        cosine: what to multiply values by `[D + LEAST_PAIRS]`; None if that was done already.
+        colour_model, log_values: see `decode`.
+    """
+
+    planes: tuple[Tensor, ...]
+    cosine: Tensor | None
+    colour_model: int
+    log_values: bool
+
+    @classmethod
+    def build(
+        cls, planes: Sequence[Tensor], cosine: Tensor | None, colour_model: int, log_values: bool
+    ) -> LeftFactors:
+        """Of U `[D, k]` of each channel and cosines `[D]`."""
+        wide = tuple(pad(plane.T, (0, LEAST_PAIRS)) for plane in planes)
+        weights = None if cosine is None else pad(cosine, (0, LEAST_PAIRS))
+        return cls(wide, weights, colour_model, log_values)
+
+    def to(self, device: torch.device) -> LeftFactors:
+        """The same on another device."""
+        planes = tuple(plane.to(device) for plane in self.planes)
+        cosine = None if self.cosine is None else self.cosine.to(device)
+        return LeftFactors(planes, cosine, self.colour_model, self.log_values)
+
+
+def multiply(right: Sequence[Tensor], left: LeftFactors, start: int, out: Tensor) -> Tensor:
+    """Fill `out [n, D', C]` with the values of n texels under the pairs from `start` on.
+
+    Args:
+        right: SV `[n, k]` of each channel, or one for all.
+
+    Returns:
+        the largest value, a tensor without axes; NaN if any is.
+    """
+    tile_texels, tile_pairs = CPU_TILE if out.device.type == "cpu" else GPU_TILE
+    count, width = out.shape[:2]
+    maxima = []
+    for row in range(0, count, tile_texels):
+        rows = [part[row : row + tile_texels] for part in right]
+        used = len(rows[0])
+        rows = [pad(part, (0, 0, 0, tile_texels - used)) for part in rows]
+        for column in range(0, width, tile_pairs):
+            size = min(tile_pairs, width - column)
+            first = start + column
+            planes = _tile(rows, left, slice(first, first + max(size, LEAST_PAIRS)))
+            target = out[row : row + used, column : column + size]
+            for channel, plane in enumerate(planes):
+                wanted = plane[:used, :size]
+                target[..., channel] = wanted
+                maxima.append(wanted.max())
+    return torch.stack(maxima).max()
+
+
+def _tile(right: Sequence[Tensor], left: LeftFactors, pairs: slice) -> list[Tensor]:
+    """RGB planes `[n, D']` of some texels and pairs."""
+    parts = right if len(right) > 1 else [right[0]] * len(left.planes)
+    products = [part @ plane[:, pairs] for part, plane in zip(parts, left.planes, strict=True)]
+    planes = decode(products, left.colour_model, left.log_values)
+    return planes if left.cosine is None else [plane.mul_(left.cosine[pairs]) for plane in planes]

@@ -1,0 +1,188 @@
+"""Values of a BTF straight from its factors: what is asked for is read and multiplied."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ...errors import DataError
+from ..btf import CHUNK_VALUES
+from ..store import Loading, Part, check_not_black, float_chunks
+from .header import CHANNELS, Layout
+from .product import LeftFactors, multiply
+from .rows import finite_rows
+
+# Texels whose factors are read at once: a few MB.
+READ_TEXELS = 1024
+
+
+def open_store(path: Path, layout: Layout, part: Part, loading: Loading) -> FactorStore:
+    """The store of a part of a file, which must reflect something; `loading` has little to do.
+
+    Raises:
+        DataError: all values are zero, or one that was met is not finite.
+    """
+    header = layout.header
+    views = torch.arange(len(header.view)) if part.views is None else part.views
+    lights = torch.arange(len(header.light)) if part.lights is None else part.lights
+    pairs = (views[:, None] * len(header.light) + lights).flatten()
+    store = FactorStore(path, layout, part.texels, pairs)
+    if not store.exceeds(0.0):
+        check_not_black(0.0, str(path))
+    if loading.progress is not None:
+        loading.progress(len(views), len(views))
+    return store
+
+
+class FactorStore:
+    """Linear cosine-weighted values of a UBO2014 file; a `data.store.Store`.
+
+    Holds U, a few dozen MB, and reads of SV only what is asked for. Threads may share it. A value
+    has the same bits whatever it is asked together with.
+
+    Args:
+        path: the file.
+        layout: what `read_layout` found in it.
+        texels: indices `[T']` of the texels to keep, in their new order; all if None.
+        pairs: the same for direction pairs, `[D']`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        layout: Layout,
+        texels: Tensor | None = None,
+        pairs: Tensor | None = None,
+    ) -> None:
+        header = layout.header
+        self._path = path
+        self._layout = layout
+        self._texels = _selected(header.texel_count, texels)  # [T'], in the file
+        self._pairs = _selected(header.pair_count, pairs)  # [D'], in the file
+        self._left: dict[torch.device, LeftFactors] = {}
+        self._lock = threading.Lock()
+        self._is_hdr: bool | None = None
+
+    @property
+    def is_hdr(self) -> bool:
+        """Whether a value exceeds 1; passes over the values until one does, once."""
+        if self._is_hdr is None:
+            self._is_hdr = self.exceeds(1.0)
+        return self._is_hdr
+
+    def exceeds(self, bound: float) -> bool:
+        """Whether a value is larger than `bound`; reads no further than it must."""
+        chunk = max(CHUNK_VALUES // (len(self._pairs) * CHANNELS), 1)
+        blocks = float_chunks(self, len(self._texels), chunk)
+        return any(float(block.max()) > bound for block in blocks)
+
+    def restricted(self, texels: Tensor | None = None, pairs: Tensor | None = None) -> FactorStore:
+        """A store of some texels and direction pairs, whose values cost that much less.
+
+        Args:
+            texels, pairs: indices into those of this store, in their new order; all if None.
+        """
+        return FactorStore(
+            self._path,
+            self._layout,
+            self._texels if texels is None else self._texels[texels.cpu()],
+            self._pairs if pairs is None else self._pairs[pairs.cpu()],
+        )
+
+    def texels(
+        self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
+    ) -> Tensor:
+        """Linear values `[n, D, C]` float32 of some texels, on a device.
+
+        Raises:
+            DataError: a factor or a value is not finite, or the file has changed.
+        """
+        if isinstance(index, Tensor):
+            index = index.cpu()
+        texels = self._texels if index is None else self._texels[index]
+        return self._expand(texels, 0, len(self._pairs), torch.device(device))
+
+    def pairs(self, start: int, stop: int) -> Tensor:
+        """Linear values `[T, stop - start, C]` float32 of consecutive pairs, on the CPU.
+
+        Raises:
+            DataError: as for `texels`.
+        """
+        return self._expand(self._texels, start, stop, torch.device("cpu"))
+
+    def _expand(self, texels: Tensor, start: int, stop: int, device: torch.device) -> Tensor:
+        """Values `[n, stop - start, C]` of texels of the file under pairs of this store."""
+        left = self._left_factors(device)
+        values = torch.empty((len(texels), stop - start, CHANNELS), device=device)
+        if values.numel() == 0:
+            return values
+        with self._open() as stream:
+            for part, out in zip(texels.split(READ_TEXELS), values.split(READ_TEXELS), strict=True):
+                rows = self._file_rows(part.numpy())
+                right = [
+                    finite_rows(stream, factors.right, rows).to(device)
+                    for factors in self._layout.factors
+                ]
+                if not multiply(right, left, start, out) < torch.inf:  # NaN is not, either
+                    raise self._not_finite(part, start, out)
+        return values
+
+    def _not_finite(self, texels: Tensor, start: int, values: Tensor) -> DataError:
+        texel, pair, channel = (int(i) for i in (~values.isfinite()).nonzero()[0])
+        return DataError(
+            f"the factors of {self._path} multiply to {float(values[texel, pair, channel])} at "
+            f"[texel {int(texels[texel])}, pair {int(self._pairs[start + pair])}, channel "
+            f"{channel}]; expected finite values; the file is damaged: copy it again from where "
+            f"it came."
+        )
+
+    def _file_rows(self, texels: np.ndarray) -> np.ndarray:
+        """Rows of SV of some texels: pictures are stored from the bottom row up."""
+        header = self._layout.header
+        row, column = np.divmod(texels, header.width)
+        return (header.height - 1 - row) * header.width + column
+
+    def _left_factors(self, device: torch.device) -> LeftFactors:
+        """U for a device, read at first use."""
+        with self._lock:
+            if device not in self._left:
+                self._left[device] = self._read_left().to(device)
+            return self._left[device]
+
+    def _read_left(self) -> LeftFactors:
+        header, factors = self._layout.header, self._layout.factors
+        pairs = self._pairs.numpy()
+        with self._open() as stream:
+            if len(factors) == 1:  # channels share a matrix, in which they vary fastest
+                rows = [
+                    (factors[0].left, pairs * CHANNELS + channel) for channel in range(CHANNELS)
+                ]
+            else:
+                rows = [(part.left, pairs) for part in factors]
+            planes = [finite_rows(stream, matrix, wanted) for matrix, wanted in rows]
+        cosine = None
+        if header.cosine is False:
+            polar = torch.from_numpy(header.light[pairs % len(header.light), 0]).double()
+            cosine = polar.cos().clamp_min(0.0).float()  # [D]
+        return LeftFactors.build(planes, cosine, header.colour_model, header.log_values)
+
+    def _open(self) -> BinaryIO:
+        """The file, for one thread; unbuffered, as rows are read in whole runs."""
+        try:
+            return self._path.open("rb", buffering=0)
+        except OSError as error:
+            raise DataError(
+                f"{self._path} cannot be read any more ({error}); expected it to stay as it is "
+                f"while in use; restore it and start again."
+            ) from error
+
+
+def _selected(count: int, index: Tensor | None) -> Tensor:
+    """The numbers from 0 to count - 1 that an index selects; it raises IndexError beyond them."""
+    numbers = torch.arange(count)
+    return numbers if index is None else numbers[index.cpu()]

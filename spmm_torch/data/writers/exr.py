@@ -1,0 +1,36 @@
+"""Writer of folders of OpenEXR pictures, one for each pair of directions, named by its angles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..btf import BTF
+from ..codecs import openexr
+from ..store import Progress
+from .atomic import new_folder
+from .names import picture_names
+from .views import fits_half, pictures_of_views
+
+SUFFIX = ".exr"
+HALF_BYTES = 2
+
+
+def write_exr_folder(path: Path | str, btf: BTF, progress: Progress | None = None) -> None:
+    """Write a BTF as a folder of EXR pictures; nothing is left unless all of it was written.
+
+    Sources of 8 and 16 bits become half floats unless a value exceeds 65504, all others single
+    floats. `progress(done, total)` counts views.
+
+    Raises:
+        OutputError: the folder exists or cannot be written.
+    """
+    names = picture_names(btf.view, btf.light, SUFFIX)
+    with new_folder(path) as folder:
+        is_half = btf.bytes_per_value <= HALF_BYTES and fits_half(btf)
+        dtype = np.float16 if is_half else np.float32
+        for row, pictures in zip(names, pictures_of_views(btf, progress), strict=True):
+            (folder / row[0]).parent.mkdir()
+            for name, picture in zip(row, pictures, strict=True):
+                (folder / name).write_bytes(openexr.encode(picture.astype(dtype)))

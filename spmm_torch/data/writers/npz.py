@@ -1,0 +1,44 @@
+"""Writer of the NPZ interchange format, which `spmm_torch.data.npz` reads and describes."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.lib import format as npy
+
+from ..btf import BTF
+from ..store import Progress
+from .atomic import new_file, zip_member
+from .views import fits_half, pictures_of_views
+
+HALF, SINGLE = np.dtype("<f2"), np.dtype("<f4")
+
+
+def write_npz(path: Path | str, btf: BTF, progress: Progress | None = None) -> None:
+    """Write a BTF as NPZ; nothing is left at `path` unless all of it was written.
+
+    float16 sources stay float16 unless a value exceeds 65504, all others become float32.
+    `progress(done, total)` counts views.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with new_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for key, vectors in (("view", btf.view), ("light", btf.light)):
+            with archive.open(zip_member(f"{key}.npy"), "w") as stream:
+                npy.write_array(stream, vectors.numpy(), allow_pickle=False)
+        _write_values(archive, btf, progress)
+
+
+def _write_values(archive: zipfile.ZipFile, btf: BTF, progress: Progress | None) -> None:
+    is_half = btf.bytes_per_value == HALF.itemsize and fits_half(btf)
+    dtype = HALF if is_half else SINGLE
+    shape = (len(btf.view), len(btf.light), btf.height, btf.width, btf.channels)
+    header = {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    with archive.open(zip_member("values.npy"), "w", force_zip64=True) as stream:
+        npy.write_array_header_1_0(stream, header)
+        for pictures in pictures_of_views(btf, progress):
+            for picture in pictures:  # [H, W, 3]
+                stream.write(picture.astype(dtype, order="C").tobytes())

@@ -1,0 +1,92 @@
+"""Writer of UBO2003 zips: one 8-bit picture for each pair of directions, named by its angles."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ...errors import ConfigError, OutputError
+from ..btf import BTF, DISPLAY_GAMMA
+from ..options import ReadOptions
+from ..store import Progress
+from .atomic import new_file, zip_member
+from .names import picture_names
+from .views import pictures_of_views
+
+SUFFIXES = {"jpeg": ".jpg", "png": ".png"}
+MAX_CODE = 255
+QUALITY = 95
+FULL_COLOUR = 0  # Pillow's number for 4:4:4: texels keep their own colour
+# Measured textures hardly compress: higher levels take five times as long for no smaller files.
+PNG_LEVEL = 1
+
+
+def write_ubo2003(
+    path: Path | str,
+    btf: BTF,
+    gamma: float = DISPLAY_GAMMA,
+    format: str = "jpeg",
+    quality: int = QUALITY,
+    progress: Progress | None = None,
+) -> None:
+    """Write a BTF as a UBO2003 zip; nothing is left at `path` unless all of it was written.
+
+    The same BTF gives the same bytes. Of a BTF that was read from 8-bit pictures with the same
+    `gamma`, PNGs hold the very codes.
+
+    Args:
+        path: the zip to write; its folder inside takes the name.
+        btf: its values must lie in 0 to 1.
+        gamma: exponent that will make the codes linear again.
+        format: "jpeg" (4:4:4) or "png".
+        quality: of JPEGs, 1 to 100.
+        progress: told (views done, V) after each view.
+
+    Raises:
+        ConfigError: an option out of its range.
+        OutputError: a value does not fit into 8 bits, or the file cannot be written.
+    """
+    ReadOptions(gamma=gamma)  # a gamma that no reader takes is refused here
+    _check_options(format, quality)
+    target = Path(path)
+    # The reader takes a leading dot for a hidden folder.
+    folder = f"{target.stem.lstrip('.') or 'BTF'}/MANYFILES"
+    names = picture_names(btf.view, btf.light, SUFFIXES[format])
+    with new_file(target) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+        for row, pictures in zip(names, pictures_of_views(btf, progress), strict=True):
+            for name, picture in zip(row, pictures, strict=True):
+                payload = _encode(_codes(picture, gamma, name), format, quality)
+                archive.writestr(zip_member(f"{folder}/{name}"), payload)
+
+
+def _check_options(format: str, quality: int) -> None:
+    if format not in SUFFIXES:
+        raise ConfigError(f"format is {format!r}; expected one of {', '.join(SUFFIXES)}.")
+    if not 1 <= quality <= 100:
+        raise ConfigError(f"quality is {quality}; expected 1 to 100.")
+
+
+def _codes(picture: np.ndarray, gamma: float, name: str) -> np.ndarray:
+    """The nearest 8-bit codes of linear values `[H, W, 3]`."""
+    exact = np.sign(picture) * np.abs(picture) ** (1.0 / gamma) * MAX_CODE
+    codes = np.rint(exact)
+    if not ((codes >= 0) & (codes <= MAX_CODE)).all():
+        raise OutputError(
+            f"picture {name!r} would hold values from {picture.min():g} to {picture.max():g}; "
+            f"expected 0 to 1, as 8 bits hold; write EXR or NPZ instead."
+        )
+    return codes.astype(np.uint8)
+
+
+def _encode(codes: np.ndarray, format: str, quality: int) -> bytes:
+    buffer = io.BytesIO()
+    image = Image.fromarray(codes)
+    if format == "png":
+        image.save(buffer, "PNG", compress_level=PNG_LEVEL)
+    else:
+        image.save(buffer, "JPEG", quality=quality, subsampling=FULL_COLOUR)
+    return buffer.getvalue()

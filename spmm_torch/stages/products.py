@@ -1,0 +1,68 @@
+"""The products D^T y of the texels of a cluster: the only passes over their direction pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor
+
+from ..memory import scratch
+from ..ranks import ALONE, Ranks
+from .select import Products
+
+Load = Callable[[slice], Tensor]  # values [m, D, C] of some of this rank's texels of the cluster
+
+
+def cluster_products(
+    load: Load,
+    parts: Sequence[slice],
+    shape: tuple[int, int],
+    atoms: Tensor,
+    *,
+    in_memory: bool = True,
+    ranks: Ranks = ALONE,
+) -> Products:
+    """The products of n texels with the atoms, and with the mean of the whole cluster.
+
+    Args:
+        load: gives the values of some of the n texels.
+        parts: blocks that cover them; each is loaded twice, but for a single one.
+        shape: (n, C).
+        atoms: `[J, D]`, of unit norm.
+        in_memory: whether D^T y may lie in memory; else it goes to a scratch file.
+        ranks: that share the cluster, n texels each or so.
+    """
+    texels, channels = shape
+    device = atoms.device
+    correlation = scratch((texels, len(atoms), channels), in_memory, device)
+    energy = torch.zeros(texels, channels, dtype=torch.float64, device=device)
+    total = torch.zeros(channels, atoms.shape[1], dtype=torch.float64, device=device)
+    signals = torch.empty(0)
+    for part in parts:
+        signals = _signals(load, part)
+        correlation[part] = (signals @ atoms.T).transpose(1, 2).to(correlation.device)
+        energy[part] = (signals * signals).sum(2, dtype=torch.float64)
+        total += signals.sum(0, dtype=torch.float64)
+    count = int(ranks.sum(torch.tensor(texels)))
+    mean = (ranks.sum(total) / count).float()  # [C, D]
+    overlap = torch.zeros_like(energy)
+    for part in parts:
+        if len(parts) > 1:
+            signals = _signals(load, part)
+        overlap[part] = (signals * mean).sum(2, dtype=torch.float64)
+    return Products(
+        gram=atoms @ atoms.T,
+        correlation=correlation,
+        energy=energy,
+        overlap=overlap,
+        mean=mean.T,
+        mean_correlation=atoms @ mean.T,
+        mean_energy=ranks.sum(overlap.sum(0)) / count,
+        count=count,
+    )
+
+
+def _signals(load: Load, part: slice) -> Tensor:
+    """Values of some texels, channels first: `[m, C, D]`."""
+    return load(part).transpose(1, 2).contiguous()

@@ -1,0 +1,143 @@
+"""OpenEXR pictures: bit for bit, and an error for whatever the library reads without one."""
+
+from __future__ import annotations
+
+import io
+import struct
+
+import numpy as np
+import OpenEXR
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from spmm_torch.data.codecs import openexr
+from spmm_torch.data.codecs.openexr import decode, encode, read_size
+
+SIZES = st.tuples(st.integers(1, 40), st.integers(1, 40), st.just(3))
+# Deflate leaves noise as it is, so that every byte of a file matters.
+NOISE = np.random.default_rng(0).random((20, 24, 3)).astype(np.float32)
+
+
+def library_bytes(channels: dict[str, np.ndarray], **attributes: object) -> bytes:
+    """A file as the library writes it."""
+    settings = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    buffer = io.BytesIO()
+    OpenEXR.File(settings | attributes, dict(channels)).write(buffer)
+    return buffer.getvalue()
+
+
+@settings(max_examples=30)
+@given(st.data(), st.sampled_from([np.uint16, np.uint32]), SIZES)
+def test_every_bit_pattern_comes_back(data: st.DataObject, bits: type, size: tuple) -> None:
+    picture = data.draw(arrays(bits, size)).view(np.float16 if bits is np.uint16 else np.float32)
+    payload = encode(picture)
+    found = decode(payload)
+    assert openexr.accepts(payload[:16])
+    assert read_size(payload) == found.shape[:2] == size[:2]
+    assert found.dtype == picture.dtype and found.flags.c_contiguous
+    np.testing.assert_array_equal(found.view(bits), picture.view(bits))
+    assert encode(picture) == payload
+
+
+def test_largest_half() -> None:
+    picture = np.full((4, 5, 3), 65504.0, dtype=np.float16)
+    picture[2, 3] = 6e-8
+    np.testing.assert_array_equal(decode(encode(picture)), picture)
+    single = picture.astype(np.float32) * 2
+    np.testing.assert_array_equal(decode(encode(single)), single)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_strided_pictures(dtype: type) -> None:
+    whole = NOISE.astype(dtype)
+    for picture in (whole[::2, 1::3], whole[..., ::-1], whole.transpose(1, 0, 2), whole[::-1]):
+        assert not picture.flags.c_contiguous
+        np.testing.assert_array_equal(decode(encode(picture)), picture)
+
+
+def test_foreign_channels_and_windows() -> None:
+    red, green, blue, alpha = np.random.default_rng(1).random((4, 5, 7)).astype(np.float32)
+    color = {"R": red, "G": green, "B": blue}
+    expected = np.stack((red, green, blue), axis=-1)
+    np.testing.assert_array_equal(decode(library_bytes(color)), expected)
+    np.testing.assert_array_equal(decode(library_bytes(color | {"A": alpha})), expected)
+    windows = {
+        "dataWindow": (np.array([3, -2], np.int32), np.array([9, 2], np.int32)),
+        "displayWindow": (np.array([0, 0], np.int32), np.array([99, 99], np.int32)),
+    }
+    shifted = library_bytes(color, **windows)
+    assert read_size(shifted) == (5, 7)
+    np.testing.assert_array_equal(decode(shifted), expected)
+    mixed = decode(library_bytes(color | {"R": red.astype(np.float16)}))
+    assert mixed.dtype == np.float32
+    np.testing.assert_array_equal(mixed[..., 1:], expected[..., 1:])
+    np.testing.assert_array_equal(mixed[..., 0], red.astype(np.float16))
+
+
+def test_grey() -> None:
+    grey = NOISE[..., 0].astype(np.float16)
+    found = decode(library_bytes({"Y": grey}))
+    assert found.dtype == np.float16
+    np.testing.assert_array_equal(found, np.repeat(grey[..., None], 3, axis=-1))
+
+
+def test_channels_that_are_no_colour() -> None:
+    plane = NOISE[..., 0].copy()
+    for channels, message in (
+        ({"Z": plane}, "channels are Z; expected R, G and B"),
+        ({"R": plane, "G": plane}, "channels are G, R; expected"),
+        ({"Y": plane, "RY": plane, "BY": plane}, "channels are BY, RY, Y; expected"),
+        ({name: plane.astype(np.uint32) for name in "RGB"}, "channel R holds no floats"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            decode(library_bytes(channels))
+
+
+def test_every_truncation_is_told() -> None:
+    payload = encode(NOISE[:17, :4])  # two chunks
+    for length in range(len(payload)):
+        with pytest.raises(ValueError):
+            decode(payload[:length])
+    with pytest.raises(ValueError, match="truncated"):
+        decode(payload[:-1])
+
+
+def test_sizes_are_checked_before_there_is_room_for_them() -> None:
+    payload = encode(np.zeros((20, 24, 3), dtype=np.float16))
+    window = struct.pack("<4i", 0, 0, 23, 19)
+    assert payload.count(window) == 2  # data and display
+    for (width, height), message in (
+        ((8000, 8000), "cannot hold 8000 x 8000"),
+        ((20_000, 20_000), "size is 20000 x 20000"),
+    ):
+        bomb = payload.replace(window, struct.pack("<4i", 0, 0, width - 1, height - 1))
+        with pytest.raises(ValueError, match=message):
+            decode(bomb)
+    for last in ((-1, 19), (2**31 - 1, 2**31 - 1)):
+        with pytest.raises(ValueError):
+            read_size(payload.replace(window, struct.pack("<4i", 0, 0, *last)))
+
+
+@settings(max_examples=300)
+@given(st.lists(st.tuples(st.integers(0, 5000), st.integers(0, 255)), min_size=1, max_size=4))
+def test_changed_bytes_raise_or_read(changes: list[tuple[int, int]]) -> None:
+    payload = bytearray(encode(NOISE[:17, :4]))
+    for position, value in changes:
+        payload[position % len(payload)] = value
+    try:
+        picture = decode(bytes(payload))
+    except ValueError:
+        return
+    assert picture.dtype in (np.float16, np.float32) and picture.shape[2] == 3
+
+
+def test_pictures_that_are_no_colour() -> None:
+    assert not openexr.accepts(b"#?RADIANCE\n") and not openexr.accepts(b"")
+    for picture in (NOISE[..., :2], NOISE[0], NOISE[:0], NOISE.astype(np.float64)):
+        with pytest.raises(ValueError, match="values have"):
+            encode(picture)
+    for payload in (b"", b"not a picture", openexr.MAGIC):
+        with pytest.raises(ValueError, match="OpenEXR"):
+            decode(payload)

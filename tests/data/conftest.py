@@ -1,0 +1,203 @@
+"""Picture sets of every kind, and a make-believe format that counts what is decoded of it."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from spmm_torch.data.cache import entry_key
+from spmm_torch.data.codecs import openexr, radiance
+from spmm_torch.data.codes import Expansion, FloatExpansion, RgbeExpansion, TableExpansion
+from spmm_torch.data.store import Loading
+from spmm_torch.data.transpose import CodeStore, Place, ViewSource, open_store
+
+GRID = ((0, 0), (15, 60), (30, 90), (60, 10), (75, 345))  # (theta, phi), sorted
+EXPANSIONS = {
+    "uint8": TableExpansion.gamma(2.2),
+    "rgbe": RgbeExpansion(),
+    "float16": FloatExpansion(),
+    "float32": FloatExpansion(),
+}
+
+
+def picture_name(view: int, light: int, suffix: str) -> str:
+    (tv, pv), (tl, pl) = GRID[view], GRID[light]
+    serial = light * len(GRID) + view
+    return f"X/tv{tv:03}_pv{pv:03}/{serial:05} tl{tl:03} pl{pl:03} tv{tv:03} pv{pv:03}{suffix}"
+
+
+def encode_png(codes: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(codes).save(buffer, "PNG")
+    return buffer.getvalue()
+
+
+def encode_atrium(codes: np.ndarray) -> bytes:
+    """As ATRIUM stores them: the axes exchanged in words only, and the bottom row first."""
+    height, width, _ = codes.shape
+    usual = f"-Y {height} +X {width}\n".encode()
+    return radiance.encode(codes[::-1].copy()).replace(usual, f"+X {width} -Y {height}\n".encode())
+
+
+def write_pictures(
+    path: Path,
+    pictures: np.ndarray,
+    encode: Callable[[np.ndarray], bytes],
+    suffix: str,
+    changes: dict[tuple[int, int], bytes] | None = None,
+) -> Path:
+    """Pictures `[V, L, H, W, B]` as a zip or, without an extension, a folder; some replaced."""
+    files = {
+        picture_name(view, light, suffix): (changes or {}).get((view, light)) or encode(picture)
+        for view, row in enumerate(pictures)
+        for light, picture in enumerate(row)
+    }
+    if path.suffix:
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, content in files.items():
+                archive.writestr(name, content)
+        return path
+    for name, content in files.items():
+        (path / name).parent.mkdir(parents=True, exist_ok=True)
+        (path / name).write_bytes(content)
+    return path
+
+
+def random_codes(kind: str, shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
+    """Codes `[*shape, B]` of a kind; of HDR kinds, values beyond 1."""
+    rng = np.random.default_rng(seed)
+    if kind == "uint8":
+        return rng.integers(0, 256, (*shape, 3), dtype=np.uint8)
+    if kind == "rgbe":
+        values = rng.gamma(1.0, 2.0, (*shape, 3))
+        return radiance.float_to_rgbe(values)
+    return rng.gamma(1.0, 2.0, (*shape, 3)).astype(kind)
+
+
+@pytest.fixture(name="new_codes")
+def _new_codes() -> Callable[..., np.ndarray]:
+    return random_codes
+
+
+@pytest.fixture(name="write_pictures")
+def _write_pictures() -> Callable[..., Path]:
+    return write_pictures
+
+
+@pytest.fixture(name="encode_atrium")
+def _encode_atrium() -> Callable[[np.ndarray], bytes]:
+    return encode_atrium
+
+
+@pytest.fixture(name="encode_png")
+def _encode_png() -> Callable[[np.ndarray], bytes]:
+    return encode_png
+
+
+WRITERS: dict[str, Callable[[Path], Path]] = {
+    "png zip": lambda path: write_pictures(
+        path / "a.zip", random_codes("uint8", (4, 3, 5, 6)), encode_png, ".png"
+    ),
+    "png folder": lambda path: write_pictures(
+        path / "a", random_codes("uint8", (4, 3, 5, 6)), encode_png, ".png"
+    ),
+    "atrium zip": lambda path: write_pictures(
+        path / "a.zip", random_codes("rgbe", (4, 3, 5, 9)), encode_atrium, ".hdr"
+    ),
+    "exr half folder": lambda path: write_pictures(
+        path / "a", random_codes("float16", (4, 3, 5, 6)), openexr.encode, ".exr"
+    ),
+    "exr float zip": lambda path: write_pictures(
+        path / "a.zip", random_codes("float32", (4, 3, 5, 6)), openexr.encode, ".exr"
+    ),
+}
+
+
+@pytest.fixture(params=WRITERS)
+def picture_set(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A picture set of 4 views and 3 lights, of each kind."""
+    return WRITERS[request.param](tmp_path)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache folder that is not made yet; the user's own one is out of reach."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
+    return tmp_path / "cache"
+
+
+class Killed(BaseException):
+    """Nothing catches it, as nothing catches a SIGKILL."""
+
+
+@dataclass
+class FakeFormat:
+    """Codes `[V, L, T, B]` in memory, decoded view by view; `bands` lists what was asked for.
+
+    Decoding is killed before it places view `dies_at`.
+    """
+
+    codes: np.ndarray
+    expand: Expansion
+    columns: int = 0
+    dies_at: int | None = None
+    bands: list[list[int]] = field(default_factory=list)
+
+    def decode(self, views: Sequence[int], place: Place) -> None:
+        self.bands.append(list(views))
+        for view in reversed(views):  # any order is allowed
+            if view == self.dies_at:
+                raise Killed
+            place(view, self.codes[view].copy())
+
+    @property
+    def source(self) -> ViewSource:
+        return ViewSource(
+            "the fake",
+            self.codes.shape,
+            self.codes.dtype,
+            self.expand,
+            self.decode,
+            lambda: entry_key((self.codes.tobytes(),)),
+            self.columns,
+        )
+
+    @property
+    def texel_major(self) -> np.ndarray:
+        """`[T, D, B]`."""
+        views, lights, texels, width = self.codes.shape
+        return self.codes.transpose(2, 0, 1, 3).reshape(texels, views * lights, width)
+
+    def memory_of(self, views: int) -> int:
+        """A limit under which bands have so many views."""
+        return 2 * views * self.codes[0].nbytes
+
+    def open(self, **loading: object) -> CodeStore:
+        return open_store(self.source, Loading(**loading))
+
+
+@pytest.fixture
+def new_format() -> Callable[..., FakeFormat]:
+    """A format of a kind, with 5 views under 3 lights of 7 texels."""
+
+    def make(kind: str = "uint8", seed: int = 0, **options: object) -> FakeFormat:
+        return FakeFormat(random_codes(kind, (5, 3, 7), seed), EXPANSIONS[kind], **options)
+
+    return make
+
+
+@pytest.fixture
+def killed() -> type[BaseException]:
+    return Killed
+
+
+@pytest.fixture(params=EXPANSIONS)
+def kind(request: pytest.FixtureRequest) -> str:
+    return request.param

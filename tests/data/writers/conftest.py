@@ -1,0 +1,49 @@
+"""A small BTF, and a disk that is soon full."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+
+import numpy as np
+import pytest
+import torch
+
+from spmm_torch.data import BTF
+from spmm_torch.geometry import ring_directions
+
+SHAPE = (2, 3, 4, 5, 3)
+
+
+def make_btf(values: np.ndarray) -> BTF:
+    """A BTF of values `[V, L, H, W, 3]` under the first directions of UBO2003."""
+    directions = ring_directions()
+    view = directions[torch.arange(values.shape[0]) * 7]
+    return BTF.from_values(values, view, directions[-values.shape[1] :])
+
+
+@pytest.fixture
+def new_btf() -> Callable[[np.ndarray], BTF]:
+    return make_btf
+
+
+@pytest.fixture
+def values() -> np.ndarray:
+    return np.random.default_rng(0).random(SHAPE).astype(np.float32)
+
+
+@pytest.fixture
+def full_disk() -> Callable[[int], AbstractContextManager[None]]:
+    """No file may grow beyond some bytes, as on a disk that is full."""
+    resource = pytest.importorskip("resource", reason="limits of files need POSIX")
+
+    @contextmanager
+    def limit(size: int) -> Iterator[None]:
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+        try:
+            yield
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+    return limit

@@ -1,0 +1,79 @@
+"""Folders of EXR pictures hold the values in the source's own precision."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from spmm_torch.data import BTF
+from spmm_torch.data.codecs import openexr
+from spmm_torch.data.pictures import parse_angles, unit_vectors
+from spmm_torch.data.writers import write_exr_folder
+from spmm_torch.errors import OutputError
+
+NewBTF = Callable[[np.ndarray], BTF]
+
+
+def decoded(folder: Path) -> dict[str, np.ndarray]:
+    """Every picture of a folder by its number, which counts light * V + view."""
+    files = sorted(folder.rglob("*.exr"), key=lambda file: file.name)
+    return {file.name[:5]: openexr.decode(file.read_bytes()) for file in files}
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_values_and_names(tmp_path: Path, new_btf: NewBTF, values: np.ndarray, dtype: type) -> None:
+    values = (values * 30_000).astype(dtype)
+    source = new_btf(values)
+    calls: list[tuple[int, int]] = []
+    write_exr_folder(tmp_path / "a", source, progress=lambda *call: calls.append(call))
+    assert calls == [(1, 2), (2, 2)]
+    pictures = decoded(tmp_path / "a")
+    assert list(pictures) == [f"{number:05}" for number in range(6)]
+    for number, picture in pictures.items():
+        light, view = divmod(int(number), 2)
+        assert picture.dtype == dtype
+        np.testing.assert_array_equal(picture, values[view, light])
+    for file in (tmp_path / "a").rglob("*.exr"):
+        light, view = divmod(int(file.name[:5]), 2)
+        read = unit_vectors(parse_angles(file.name))
+        torch.testing.assert_close(read, torch.stack((source.view[view], source.light[light])))
+        assert file.parent.name == "tv000_pv000" if view == 0 else "tv030_pv000"
+    assert [file.name for file in tmp_path.iterdir()] == ["a"]
+
+
+def test_precision(tmp_path: Path, new_btf: NewBTF, values: np.ndarray) -> None:
+    values[1, 2, 3, 4] = 1.5
+    for number, (source_bytes, maximum, expected) in enumerate(
+        [
+            (1, 1.5, np.float16),
+            (2, 65504.0, np.float16),
+            (2, 65505.0, np.float32),
+            (4, 1.5, np.float32),
+        ]
+    ):
+        values[1, 2, 3, 4] = maximum
+        source = new_btf(values)
+        source.bytes_per_value = source_bytes
+        write_exr_folder(tmp_path / str(number), source)
+        pictures = decoded(tmp_path / str(number)).values()
+        assert {picture.dtype for picture in pictures} == {np.dtype(expected)}
+        assert max(picture.max() for picture in pictures) == maximum
+
+
+def test_existing_folder_is_kept(tmp_path: Path, new_btf: NewBTF, values: np.ndarray) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "mine").write_text("mine")
+    with pytest.raises(OutputError, match="a exists"):
+        write_exr_folder(tmp_path / "a", new_btf(values))
+    assert [file.name for file in tmp_path.rglob("*")] == ["a", "mine"]
+
+
+def test_full_disk(tmp_path: Path, new_btf: NewBTF, full_disk: Callable) -> None:
+    source = new_btf(np.random.default_rng(1).random((1, 2, 50, 50, 3), dtype=np.float32))
+    with full_disk(20_000), pytest.raises(OutputError, match="cannot be written"):
+        write_exr_folder(tmp_path / "a", source)
+    assert not list(tmp_path.iterdir())
