@@ -1,0 +1,168 @@
+"""The Mitsuba scene: one relief, one movable sun, and cameras with oblique parallel rays."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .maps import TextureMaps
+from .relief import ReliefMesh, build_relief, needed_margin
+from .settings import SynthesisSettings
+
+# Samples of the maps, and vertices of the relief, across one texel: what lies below is averaged.
+DETAIL = 4
+# Rays start this far above the highest point, in texture widths.
+CLEARANCE = 0.1
+NEAR, FAR = 1e-3, 1e3
+# Fixed, because by default it follows the number of threads, and the random numbers follow it.
+BLOCK_SIZE = 32
+SUN_PLACE = "sun.to_world"
+# At 0, Mitsuba's `principled` drops the reflection of metals as well.
+MIN_SPECULAR_OF_METALS = 1e-4
+
+
+class PathTracer:
+    """Path-traces pictures of a texture.
+
+    Args:
+        mitsuba: the module, its variant set.
+        maps: of the texture.
+        settings: relief, size, samples, bounces and specular count here.
+        lowest_cosine: smallest cosine with z of all views and lights to come.
+    """
+
+    def __init__(
+        self, mitsuba: Any, maps: TextureMaps, settings: SynthesisSettings, lowest_cosine: float
+    ) -> None:
+        self.mitsuba = mitsuba
+        self.rows, self.columns = picture_size(maps, settings)
+        self.strata = stratify(settings.samples)
+        maps = maps.reduced(DETAIL * settings.size)
+        self.aspect = maps.aspect
+        margin = needed_margin(settings.relief, lowest_cosine)
+        relief = build_relief(maps.height, settings.relief, margin, maps.normal)
+        self.start = float(relief.position[:, 2].max()) + CLEARANCE
+        self.scene = mitsuba.load_dict(self._scene(relief, maps, settings))
+        self.parameters = mitsuba.traverse(self.scene)
+        self.integrator = self.scene.integrator()
+
+    def camera(self, view: np.ndarray) -> Any:
+        """A camera whose rays run along `-view [3]` through the texture's rectangle at z = 0.
+
+        An orthographic camera with a sheared frame: its axes are the sides of the rectangle, its
+        rays are oblique to both. Each texel is split into strata, pixels of one sample each.
+        """
+        across, down = self.strata
+        width, height = self.columns * across, self.rows * down
+        away = view / view[2]
+        frame = np.eye(4)
+        # It sees x in [-1, 1], to the left of the picture, and y in [-height / width, ...].
+        frame[:3, 0] = (-0.5, 0.0, 0.0)
+        frame[:3, 1] = (0.0, 0.5 * self.aspect * width / height, 0.0)
+        frame[:3, 2] = -view
+        frame[:3, 3] = np.array((0.5, 0.5 * self.aspect, 0.0)) + self.start * away
+        return self.mitsuba.load_dict(
+            {
+                "type": "orthographic",
+                "to_world": self.mitsuba.ScalarTransform4f(frame),
+                "near_clip": NEAR,
+                "far_clip": FAR,
+                "sampler": {"type": "independent", "sample_count": 1},
+                "film": {
+                    "type": "hdrfilm",
+                    "width": width,
+                    "height": height,
+                    "pixel_format": "rgb",
+                    "component_format": "float32",
+                    "rfilter": {"type": "box"},
+                },
+            }
+        )
+
+    def picture(self, camera: Any, light: np.ndarray, seed: int) -> np.ndarray:
+        """Radiance `[H, W, 3]` under unit irradiance from `light [3]`, in 1/sr."""
+        self.parameters[SUN_PLACE] = self.mitsuba.ScalarTransform4f().look_at(
+            origin=[0.0, 0.0, 0.0], target=(-light).tolist(), up=_any_other_axis(light)
+        )
+        self.parameters.update()
+        # Not mitsuba.render: it prepares gradients, and turns Ctrl-C into an error of its own.
+        image = self.integrator.render(self.scene, sensor=camera, seed=seed, spp=1)
+        return self._mean_of_strata(np.array(image))
+
+    def _mean_of_strata(self, paths: np.ndarray) -> np.ndarray:
+        """The picture `[H, W, 3]` of one value for each path `[H * down, W * across, 3]`."""
+        across, down = self.strata
+        if not np.isfinite(paths).all():  # one path that overflows must not cost the picture
+            paths = np.where(np.isfinite(paths), paths, 0.0)
+        # Down first, over whole rows: three times as fast as both at once.
+        rows = paths.reshape(self.rows, down, -1).mean(axis=1)
+        return rows.reshape(self.rows, self.columns, across, 3).mean(axis=2)
+
+    def _scene(
+        self, relief: ReliefMesh, maps: TextureMaps, settings: SynthesisSettings
+    ) -> dict[str, Any]:
+        has_metal = maps.metallic is not None
+        material = {
+            "type": "principled",
+            "base_color": self._texture(maps.albedo),
+            "roughness": self._texture(maps.roughness),
+            "metallic": self._texture(maps.metallic) if has_metal else 0.0,
+            "specular": max(settings.specular, MIN_SPECULAR_OF_METALS if has_metal else 0.0),
+        }
+        return {
+            "type": "scene",
+            "relief": self._mesh(relief, self.mitsuba.load_dict(material)),
+            "sun": {"type": "directional", "irradiance": {"type": "rgb", "value": 1.0}},
+            "integrator": {
+                "type": "path",
+                "max_depth": settings.bounces + 1,
+                "rr_depth": settings.bounces + 2,  # never: roulette only adds noise here
+                "block_size": BLOCK_SIZE,
+            },
+        }
+
+    def _texture(self, picture: np.ndarray) -> dict[str, Any]:
+        """A periodic bilinear texture of linear values `[h, w]` or `[h, w, 3]`."""
+        # A copy, because Mitsuba refuses arrays that cannot be written, as those of Pillow.
+        layers = np.array(picture.reshape(*picture.shape[:2], -1), dtype=np.float32, order="C")
+        return {"type": "bitmap", "bitmap": self.mitsuba.Bitmap(layers), "raw": True}
+
+    def _mesh(self, relief: ReliefMesh, material: Any) -> Any:
+        properties = self.mitsuba.Properties()
+        properties["material"] = material
+        mesh = self.mitsuba.Mesh(
+            "relief",
+            vertex_count=len(relief.position),
+            face_count=len(relief.faces),
+            has_vertex_normals=relief.normal is not None,
+            has_vertex_texcoords=True,
+            props=properties,
+        )
+        parameters = self.mitsuba.traverse(mesh)
+        parameters["vertex_positions"] = relief.position.ravel()
+        if relief.normal is not None:
+            parameters["vertex_normals"] = relief.normal.ravel()
+        parameters["vertex_texcoords"] = relief.uv.ravel()
+        parameters["faces"] = relief.faces.ravel()
+        parameters.update()
+        return mesh
+
+
+def picture_size(maps: TextureMaps, settings: SynthesisSettings) -> tuple[int, int]:
+    """Rows and columns of texels; texels are square but for rounding."""
+    return max(round(settings.size * maps.aspect), 1), settings.size
+
+
+def stratify(samples: int) -> tuple[int, int]:
+    """Strata (across, down) of a texel: factors of `samples` that are as equal as can be."""
+    down = next(n for n in range(math.isqrt(samples), 0, -1) if samples % n == 0)
+    return samples // down, down
+
+
+def _any_other_axis(direction: np.ndarray) -> list[float]:
+    """An axis that is not parallel to a direction `[3]`."""
+    axis = [0.0, 0.0, 0.0]
+    axis[int(np.abs(direction).argmin())] = 1.0
+    return axis

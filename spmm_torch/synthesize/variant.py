@@ -1,0 +1,90 @@
+"""Which Mitsuba works here, found out without risking this process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from functools import cache
+from importlib.util import find_spec
+from typing import Any
+
+from ..errors import ConfigError
+from ..progress import Progress
+
+FAST, PLAIN = "llvm_ad_rgb", "scalar_rgb"
+VARIANTS = ("auto", FAST, PLAIN, "cuda_ad_rgb")
+# An LLVM that is too old for the processor aborts while it compiles a kernel such as this one.
+PROBE = """
+import sys
+import mitsuba
+mitsuba.set_variant(sys.argv[1])
+ball = {"type": "sphere", "material": {"type": "principled"}}
+film = {"type": "hdrfilm", "width": 1, "height": 1}
+camera = {"type": "orthographic", "film": film, "sampler": {"type": "independent"}}
+parts = {"ball": ball, "sun": {"type": "directional"}, "camera": camera}
+scene = mitsuba.load_dict({"type": "scene", "integrator": {"type": "path"}} | parts)
+list(mitsuba.render(scene, spp=1).array)
+"""
+PROBE_SECONDS = 120
+
+
+def load_mitsuba(variant: str, threads: int, progress: Progress) -> Any:
+    """The module `mitsuba`, set to a variant that works here.
+
+    Args:
+        variant: one of VARIANTS; "auto" prefers speed.
+        threads: 0 = one for each core.
+        progress: is told in one line where "auto" has to do with the slow variant.
+
+    Raises:
+        ConfigError: Mitsuba is not installed, or the variant unknown or not usable.
+    """
+    if find_spec("mitsuba") is None:
+        raise ConfigError(
+            "spmm synthesize needs Mitsuba 3, which is not installed; get it by "
+            "pip install 'spmm_torch[mitsuba]'."
+        )
+    chosen = _choose(variant, progress)
+    import mitsuba
+
+    mitsuba.set_variant(chosen)
+    import drjit
+
+    if threads:
+        drjit.set_thread_count(threads)
+    return mitsuba
+
+
+def _choose(variant: str, progress: Progress) -> str:
+    if variant not in VARIANTS:
+        raise ConfigError(
+            f"--variant of spmm synthesize is {variant!r}; expected one of {', '.join(VARIANTS)}."
+        )
+    if variant == "auto":
+        if works(FAST):
+            return FAST
+        progress.say(
+            f"Mitsuba finds no usable LLVM (a libLLVM of 16 or newer; the environment variable "
+            f"DRJIT_LIBLLVM_PATH can name it), so {PLAIN} renders, two to three times slower."
+        )
+        return PLAIN
+    if not works(variant):
+        raise ConfigError(
+            f"--variant of spmm synthesize is {variant}, which does not work on this machine; "
+            f"use --variant auto."
+        )
+    return variant
+
+
+@cache
+def works(variant: str) -> bool:
+    """Whether a variant renders here; tried in a process of its own, which may abort."""
+    if variant == PLAIN:
+        return True
+    try:
+        probe = subprocess.run(
+            [sys.executable, "-c", PROBE, variant], capture_output=True, timeout=PROBE_SECONDS
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return probe.returncode == 0
