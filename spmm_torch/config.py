@@ -32,6 +32,12 @@ class DataConfig:
     """How the input is read."""
 
     gamma: float = setting(2.2, "exponent that makes 8-bit codes linear", low=0.01, high=10.0)
+    cosine: str = setting(
+        "auto",
+        "cosine of the light: included in the values, missing, or auto: as a .btf says of itself, "
+        "included in all others",
+        choices=("auto", "included", "missing"),
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
     )

@@ -257,6 +257,7 @@ def run_fit(options: argparse.Namespace) -> Path:
     btf = load_btf(
         options.input,
         gamma=data.gamma,
+        cosine=data.cosine,
         selection=Selection(data.crop, data.texels, data.directions),
         seed=config.seed,
     )

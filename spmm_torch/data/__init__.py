@@ -7,6 +7,7 @@ and `read(path, options) -> BTF`. A new format = one module and one entry in `RE
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -44,6 +45,7 @@ def load_btf(
     *,
     gamma: float = DISPLAY_GAMMA,
     threads: int = 0,
+    cosine: str = "auto",
     selection: Selection | None = None,
     seed: int = 0,
 ) -> BTF:
@@ -53,6 +55,8 @@ def load_btf(
         path: a zip, folder, `.btf` or NPZ.
         gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
         threads: how many pictures are decoded at once; 0 = one for each core.
+        cosine: of the light: "included" in the values, "missing", or "auto": as a `.btf` says of
+            itself, included in all others.
         selection: the part to take; all of it by default.
         seed: of the choice of texels, where a selection asks for a number of them.
 
@@ -60,7 +64,7 @@ def load_btf(
         DataError: nothing there, no known format, or malformed.
         ConfigError: an option out of its range.
     """
-    options = ReadOptions(gamma=gamma, threads=threads)
+    options = ReadOptions(gamma=gamma, threads=threads, cosine=cosine)
     btf = _read(path, options)
     return btf if selection is None else select_part(btf, selection, seed)
 
@@ -72,7 +76,9 @@ def _read(path: Path | str, options: ReadOptions) -> BTF:
     try:
         for reader in READERS:
             if reader.accepts(source):
-                return reader.read(path, options)
+                btf = reader.read(path, options)
+                missing = {"auto": btf.cosine_missing, "included": False, "missing": True}
+                return replace(btf, cosine_missing=missing[options.cosine])
     except OSError as error:
         raise DataError(
             f"{path} cannot be read ({error}); {EXPECTED}; check its permissions."

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..geometry import direction_pairs
 from .percentile import percentile
-from .store import WHOLE, Loading, Part, Progress, Store, float_chunks
+from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chunks
 
 DISPLAY_GAMMA = 2.2
 # Fraction of all values that the peak of an HDR BTF does not exceed.
@@ -39,6 +39,7 @@ class BTF:
         hdr: whether values may exceed 1; None if only the decoded values can tell.
         part: what of the source this is.
         streamed: whether values are computed anew whenever they are asked for, and never kept.
+        cosine_missing: whether values are to be multiplied by the cosine of the light.
     """
 
     name: str
@@ -53,6 +54,7 @@ class BTF:
     channels: int = 3
     part: Part = field(default=WHOLE, repr=False)
     streamed: bool = False
+    cosine_missing: bool = False
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
@@ -147,7 +149,11 @@ class BTF:
             OutputError: the cache cannot be written.
         """
         if self._store is None:
-            self._store = self.open_store(self.part, Loading(progress, memory, cache))
+            store = self.open_store(self.part, Loading(progress, memory, cache))
+            if self.cosine_missing:
+                cosine = self.light[:, 2].clamp(min=0.0).repeat(len(self.view))  # [D]
+                store = CosineStore(store, cosine)
+            self._store = store
         return self
 
     def texels(

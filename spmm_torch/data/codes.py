@@ -6,10 +6,12 @@ value for 8-bit pictures and 4 bytes a pixel for RGBE, is smaller than any float
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Protocol
 
 import numpy as np
 import torch
@@ -17,11 +19,10 @@ from torch import Tensor
 
 from ..errors import OutputError
 from .codecs.radiance import SCALES
+from .file_rows import RowLayout, read_columns, read_rows
 
 # Codes that are looked up at once: their index and their result stay in the second-level cache.
 LOOKUP_CHUNK = 1 << 17
-# Texels of a file that are mapped at once where few bytes of each are wanted.
-MAPPED_TEXELS = 1 << 12
 
 Index = Tensor | slice | None
 
@@ -57,41 +58,61 @@ class MemoryCodes:
 
 @dataclass(frozen=True)
 class FileCodes:
-    """Codes in a `.npy` file.
-
-    The file is mapped anew for every read: pages that were touched are given back at once, and
-    memory stays flat however large the file.
-    """
+    """Codes in a `.npy` file."""
 
     path: Path
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
         """(T, D, B)."""
-        return self._map().shape
+        return self._header[0]
 
     def rows(self, index: Index) -> Tensor:
-        if index is None:
-            index = slice(None)
-        chosen = index if isinstance(index, slice) else positions(index).numpy()
-        return torch.from_numpy(np.array(self._map()[chosen]))
+        texels = np.arange(self.shape[0])
+        chosen = slice(None) if index is None else index
+        chosen = texels[chosen if isinstance(chosen, slice) else positions(chosen).numpy()]
+        codes = self._read(lambda stream: read_rows(stream, self._layout, chosen))
+        return codes.view(len(chosen), *self.shape[1:])
 
     def columns(self, start: int, stop: int) -> Tensor:
         texels, _, width = self.shape
-        codes = np.empty((texels, stop - start, width), dtype=self._map().dtype)
-        for first in range(0, texels, MAPPED_TEXELS):
-            block = slice(first, first + MAPPED_TEXELS)
-            codes[block] = self._map()[block, start:stop]
-        return torch.from_numpy(codes)
+        codes = self._read(
+            lambda stream: read_columns(stream, self._layout, texels, start * width, stop * width)
+        )
+        return codes.view(texels, stop - start, width)
 
-    def _map(self) -> np.memmap:
+    @cached_property
+    def _header(self) -> tuple[tuple[int, ...], np.dtype, int]:
+        """Shape, type, and where the values begin."""
         try:
-            return np.lib.format.open_memmap(self.path, mode="r")
+            mapped = np.lib.format.open_memmap(self.path, mode="r")
         except (OSError, ValueError) as error:
-            raise OutputError(
-                f"the decoded values in {self.path} cannot be read any more ({error}); expected "
-                f"them to stay while they are in use; start again."
-            ) from error
+            raise self._gone(error) from error
+        return mapped.shape, mapped.dtype, mapped.offset
+
+    @property
+    def _layout(self) -> RowLayout:
+        shape, dtype, offset = self._header
+        return RowLayout(offset, dtype, math.prod(shape[1:]))
+
+    def _read(self, read: Callable[[BinaryIO], np.ndarray]) -> Tensor:
+        try:
+            with self._open() as stream:
+                return torch.from_numpy(read(stream))
+        except EOFError as error:
+            raise self._gone(error) from error
+
+    def _open(self) -> BinaryIO:
+        try:
+            return self.path.open("rb", buffering=0)
+        except OSError as error:
+            raise self._gone(error) from error
+
+    def _gone(self, error: Exception) -> OutputError:
+        return OutputError(
+            f"the decoded values in {self.path} cannot be read any more ({error}); expected "
+            f"them to stay while they are in use; start again."
+        )
 
 
 def positions(index: Tensor) -> Tensor:

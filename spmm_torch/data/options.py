@@ -11,6 +11,7 @@ from .btf import DISPLAY_GAMMA
 
 # Decoding of small pictures is bound by the interpreter lock: more threads gain nothing.
 MAX_THREADS = 8
+COSINES = ("auto", "included", "missing")
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,8 @@ class ReadOptions:
     Args:
         gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
         threads: how many pictures are decoded at once; 0 = one for each core, 8 at most.
+        cosine: of the light: "included" in the values, or "missing" and to be multiplied; "auto":
+            as a `.btf` says of itself, included in all others.
 
     Raises:
         ConfigError: a value out of its range.
@@ -27,6 +30,7 @@ class ReadOptions:
 
     gamma: float = DISPLAY_GAMMA
     threads: int = 0
+    cosine: str = "auto"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gamma) and self.gamma > 0.0):
@@ -36,6 +40,8 @@ class ReadOptions:
             )
         if self.threads < 0:
             raise ConfigError(f"threads is {self.threads}; expected 0 (one for each core) or more.")
+        if self.cosine not in COSINES:
+            raise ConfigError(f"cosine is {self.cosine!r}; expected one of {', '.join(COSINES)}.")
 
     @property
     def thread_count(self) -> int:

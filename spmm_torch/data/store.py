@@ -47,6 +47,30 @@ class CodeStore:
 
 
 @dataclass(frozen=True)
+class CosineStore:
+    """Another store's values, multiplied by the cosine of the light.
+
+    Attributes:
+        values: the other store.
+        cosine: of the light of each pair, `[D]`.
+    """
+
+    values: Store
+    cosine: Tensor
+
+    @property
+    def is_hdr(self) -> bool:
+        """Whether values may exceed 1."""
+        return self.values.is_hdr
+
+    def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        return self.values.texels(index, device) * self.cosine[:, None].to(device)
+
+    def pairs(self, start: int, stop: int) -> Tensor:
+        return self.values.pairs(start, stop) * self.cosine[start:stop, None]
+
+
+@dataclass(frozen=True)
 class Loading:
     """How a BTF is to be decoded.
 

@@ -46,8 +46,7 @@ def codes(kind: str, new_codes: NewCodes) -> np.ndarray:
 
 
 @pytest.fixture
-def file_codes(codes: np.ndarray, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> FileCodes:
-    monkeypatch.setattr(module, "MAPPED_TEXELS", 4)  # so that there are several blocks
+def file_codes(codes: np.ndarray, tmp_path: Path) -> FileCodes:
     np.save(tmp_path / "a.npy", codes)
     return FileCodes(tmp_path / "a.npy")
 

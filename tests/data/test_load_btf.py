@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from spmm_torch.data import load_btf, sample_path
-from spmm_torch.errors import DataError
+from spmm_torch.errors import ConfigError, DataError
 
 
 def empty_folder(path: Path) -> None:
@@ -82,3 +83,18 @@ def test_damaged_directory_of_a_zip(tmp_path: Path) -> None:
     (tmp_path / "a.zip").write_bytes(content)
     with pytest.raises(DataError, match="cannot be opened"):
         load_btf(tmp_path / "a.zip")
+
+
+def test_cosine_that_is_missing_is_multiplied(tmp_path: Path) -> None:
+    directions = np.array([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]], np.float32)
+    values = np.random.default_rng(0).random((2, 2, 3, 4, 3), dtype=np.float32)
+    np.savez(tmp_path / "a.npz", values=values, view=directions, light=directions)
+    included = load_btf(tmp_path / "a.npz")
+    missing = load_btf(tmp_path / "a.npz", cosine="missing")
+    wi, _ = included.pairs()
+    torch.testing.assert_close(missing.texels(), included.texels() * wi[:, 2:])
+    torch.testing.assert_close(missing.picture(1, 1), included.picture(1, 1) * 0.8)
+    part = missing.restricted(lights=torch.tensor([1]))
+    torch.testing.assert_close(part.texels(), missing.texels()[:, [1, 3]])
+    with pytest.raises(ConfigError, match="cosine is 'maybe'; expected one of auto"):
+        load_btf(tmp_path / "a.npz", cosine="maybe")

@@ -80,7 +80,6 @@ def test_blocks_of_an_entry(
     new_format: NewFormat, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("spmm_torch.data.cache.WRITTEN_TEXELS", 3)
-    monkeypatch.setattr("spmm_torch.data.codes.MAPPED_TEXELS", 2)
     store = new_format("rgbe").open(cache=tmp_path, memory=1)
     assert_same(store, new_format("rgbe").open())
     for chunk in (1, 4, 99):

@@ -13,7 +13,7 @@ from spmm_torch.stages.bank import Bank, build_bank
 from spmm_torch.stages.grid import DirectionGrid
 from spmm_torch.stages.span import spanned_lobes, spanned_space
 
-DIRECTIONS = ring_directions(((0.0, 1), (20.0, 6), (40.0, 10), (60.0, 12), (75.0, 14)))
+DIRECTIONS = ring_directions(((0.0, 1), (25.0, 6), (50.0, 10), (70.0, 12)))
 GRID = DirectionGrid.build(DIRECTIONS, DIRECTIONS, torch.device("cpu"))
 FEASIBLE = Feasible.build(0.125 * GRID.spacing)
 LOBES = 6
@@ -44,7 +44,7 @@ def mixtures(seed: int, noise: float = 0.0) -> tuple[Tensor, Tensor]:
     return signals + noise * torch.randn(signals.shape, generator=generator), atoms
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_planted_lobes_are_found_exactly(bank: Bank, seed: int) -> None:
     signals, atoms = mixtures(seed)
     assert len(spanned_space(signals)) == LOBES

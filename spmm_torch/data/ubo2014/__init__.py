@@ -76,6 +76,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         open_store=partial(open_store, source, layout),
         hdr=None,
         streamed=True,
+        cosine_missing=header.cosine is False,
     )
 
 

@@ -26,29 +26,23 @@ class LeftFactors:
 
     Args:
         planes: U of each channel, transposed `[k, D + LEAST_PAIRS]`; the columns past D are zero.
-        cosine: what to multiply values by `[D + LEAST_PAIRS]`; None if that was done already.
         colour_model, log_values: see `decode`.
     """
 
     planes: tuple[Tensor, ...]
-    cosine: Tensor | None
     colour_model: int
     log_values: bool
 
     @classmethod
-    def build(
-        cls, planes: Sequence[Tensor], cosine: Tensor | None, colour_model: int, log_values: bool
-    ) -> LeftFactors:
-        """Of U `[D, k]` of each channel and cosines `[D]`."""
+    def build(cls, planes: Sequence[Tensor], colour_model: int, log_values: bool) -> LeftFactors:
+        """Of U `[D, k]` of each channel."""
         wide = tuple(pad(plane.T, (0, LEAST_PAIRS)) for plane in planes)
-        weights = None if cosine is None else pad(cosine, (0, LEAST_PAIRS))
-        return cls(wide, weights, colour_model, log_values)
+        return cls(wide, colour_model, log_values)
 
     def to(self, device: torch.device) -> LeftFactors:
         """The same on another device."""
         planes = tuple(plane.to(device) for plane in self.planes)
-        cosine = None if self.cosine is None else self.cosine.to(device)
-        return LeftFactors(planes, cosine, self.colour_model, self.log_values)
+        return LeftFactors(planes, self.colour_model, self.log_values)
 
 
 def multiply(right: Sequence[Tensor], left: LeftFactors, start: int, out: Tensor) -> Tensor:
@@ -83,5 +77,4 @@ def _tile(right: Sequence[Tensor], left: LeftFactors, pairs: slice) -> list[Tens
     """RGB planes `[n, D']` of some texels and pairs."""
     parts = right if len(right) > 1 else [right[0]] * len(left.planes)
     products = [part @ plane[:, pairs] for part, plane in zip(parts, left.planes, strict=True)]
-    planes = decode(products, left.colour_model, left.log_values)
-    return planes if left.cosine is None else [plane.mul_(left.cosine[pairs]) for plane in planes]
+    return decode(products, left.colour_model, left.log_values)

@@ -1,9 +1,4 @@
-"""Rows of a matrix that lies in a file, read by position.
-
-A mapped file would be simpler, but every page once touched counts as memory of the process for
-as long as it stays mapped: the whole file after one pass. Reading costs 2 microseconds a row
-where rows lie apart.
-"""
+"""Rows of the factors in a file."""
 
 from __future__ import annotations
 
@@ -14,31 +9,25 @@ import torch
 from torch import Tensor
 
 from ...errors import DataError
+from ..file_rows import RowLayout
+from ..file_rows import read_rows as read_file_rows
 from .header import Matrix
 
 
 def read_rows(stream: BinaryIO, matrix: Matrix, rows: np.ndarray) -> np.ndarray:
     """Some rows `[n, k]` of a matrix, in any order and repeated at will, as they are stored.
 
-    Neighbours are read in one piece. A stream belongs to one thread at a time.
-
     Raises:
         DataError: the file ends before them.
     """
-    wanted, inverse = np.unique(rows, return_inverse=True)
-    found = np.empty((len(wanted), matrix.width), dtype=matrix.dtype)
-    buffer = memoryview(found).cast("B")
-    size = matrix.row_bytes
-    starts = np.flatnonzero(np.diff(wanted, prepend=-2) != 1)
-    for start, stop in zip(starts, np.append(starts[1:], len(wanted)), strict=True):
-        run = buffer[int(start) * size : int(stop) * size]
-        stream.seek(matrix.offset + int(wanted[start]) * size)
-        if stream.readinto(run) != len(run):
-            raise DataError(
-                f"{stream.name} ends within its factors, though it was complete when opened; "
-                f"expected it to stay as it is while in use; restore it and start again."
-            )
-    return found[inverse]
+    try:
+        layout = RowLayout(matrix.offset, matrix.dtype, matrix.width)
+        return read_file_rows(stream, layout, rows)
+    except EOFError as error:
+        raise DataError(
+            f"{stream.name} ends within its factors, though it was complete when opened; "
+            f"expected it to stay as it is while in use; restore it and start again."
+        ) from error
 
 
 def finite_rows(stream: BinaryIO, matrix: Matrix, rows: np.ndarray) -> Tensor:

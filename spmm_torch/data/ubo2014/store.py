@@ -81,19 +81,6 @@ class FactorStore:
         blocks = float_chunks(self, len(self._texels), chunk)
         return any(float(block.max()) > bound for block in blocks)
 
-    def restricted(self, texels: Tensor | None = None, pairs: Tensor | None = None) -> FactorStore:
-        """A store of some texels and direction pairs, whose values cost that much less.
-
-        Args:
-            texels, pairs: indices into those of this store, in their new order; all if None.
-        """
-        return FactorStore(
-            self._path,
-            self._layout,
-            self._texels if texels is None else self._texels[texels.cpu()],
-            self._pairs if pairs is None else self._pairs[pairs.cpu()],
-        )
-
     def texels(
         self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
     ) -> Tensor:
@@ -165,11 +152,7 @@ class FactorStore:
             else:
                 rows = [(part.left, pairs) for part in factors]
             planes = [finite_rows(stream, matrix, wanted) for matrix, wanted in rows]
-        cosine = None
-        if header.cosine is False:
-            polar = torch.from_numpy(header.light[pairs % len(header.light), 0]).double()
-            cosine = polar.cos().clamp_min(0.0).float()  # [D]
-        return LeftFactors.build(planes, cosine, header.colour_model, header.log_values)
+        return LeftFactors.build(planes, header.colour_model, header.log_values)
 
     def _open(self) -> BinaryIO:
         """The file, for one thread; unbuffered, as rows are read in whole runs."""

@@ -37,7 +37,6 @@ def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         light=angles,
         width=WIDTH,
         height=HEIGHT,
-        cosine=0,
         colour_model=11,
         reduced=1,
     )
@@ -87,23 +86,6 @@ def test_small_tiles(monkeypatch: pytest.MonkeyPatch, path: Path, whole: torch.T
 @pytest.mark.parametrize(("start", "stop"), [(0, 1), (6560, 6561), (100, 181), (2040, 2060)])
 def test_pairs(btf: BTF, whole: torch.Tensor, start: int, stop: int) -> None:
     torch.testing.assert_close(btf._store.pairs(start, stop), whole[:, start:stop])
-
-
-def test_restricted(btf: BTF, whole: torch.Tensor) -> None:
-    texels, pairs = torch.tensor([40, 3, 220, 41]), torch.tensor([6560, 0, 81, 17, 18])
-    store = btf._store.restricted(texels, pairs)
-    expected = whole[texels][:, pairs]
-    torch.testing.assert_close(store.texels(None, "cpu"), expected)
-    torch.testing.assert_close(store.texels(torch.tensor([2, 0]), "cpu"), expected[[2, 0]])
-    torch.testing.assert_close(store.pairs(1, 4), expected[:, 1:4])
-    assert store.is_hdr == bool((expected > 1).any())
-    again = store.restricted(torch.tensor([1, 3]), torch.tensor([4]))
-    torch.testing.assert_close(again.texels(None, "cpu"), expected[[1, 3]][:, [4]])
-    assert torch.equal(btf._store.restricted(texels=texels).texels(None, "cpu"), whole[texels])
-    torch.testing.assert_close(btf._store.restricted(pairs=pairs).texels(None), whole[:, pairs])
-    for wrong in ({"texels": torch.tensor([221])}, {"pairs": torch.tensor([6561])}):
-        with pytest.raises(IndexError):
-            btf._store.restricted(**wrong)
 
 
 def test_threads_share_a_store(path: Path, whole: torch.Tensor) -> None:
