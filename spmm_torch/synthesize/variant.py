@@ -39,6 +39,10 @@ def load_mitsuba(variant: str, threads: int, progress: Progress) -> Any:
     Raises:
         ConfigError: Mitsuba is not installed, or the variant unknown or not usable.
     """
+    if variant not in VARIANTS:
+        raise ConfigError(
+            f"--variant of spmm synthesize is {variant!r}; expected one of {', '.join(VARIANTS)}."
+        )
     if find_spec("mitsuba") is None:
         raise ConfigError(
             "spmm synthesize needs Mitsuba 3, which is not installed; get it by "
@@ -56,10 +60,6 @@ def load_mitsuba(variant: str, threads: int, progress: Progress) -> Any:
 
 
 def _choose(variant: str, progress: Progress) -> str:
-    if variant not in VARIANTS:
-        raise ConfigError(
-            f"--variant of spmm synthesize is {variant!r}; expected one of {', '.join(VARIANTS)}."
-        )
     if variant == "auto":
         if works(FAST):
             return FAST
