@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..brdf import MODEL_NAMES
 from ..lobe import COORDINATES, Feasible, LobeBatch, decode
 from ..solvers.varpro import DAMPING_START, damped_step, next_damping
-from .bank import Bank
+from .bank import PEAK_SHAPES, Bank, bank_at
 from .grid import SAME_LOBE, DirectionGrid, distinct
 
 # Signals span few dimensions if the energy of all further ones is this share at most (50 dB), if
@@ -26,8 +27,10 @@ INSIDE = 1e-5
 # Where the distance of a lobe from the space cannot be told from rounding.
 EXACT = 1e-10
 # Starts: the best of the bank for each model, no two of them more alike than this.
-CANDIDATES, STARTS, START_LIKENESS = 400, 32, 0.97
+CANDIDATES, STARTS, START_LIKENESS = 400, 48, 0.97
 STEPS, ROUNDS = 24, 4
+# Pairs of most weight at which narrow lobes are tried.
+PEAKS = 64
 # Keeps a bank lobe that was found already from being divided by zero.
 TINY = 1e-6
 
@@ -149,4 +152,21 @@ def spanned_lobes(
     signals: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible
 ) -> LobeBatch:
     """Lobes in the space that signals `[N, D]` span; none if that is not a small one."""
-    return SpanSearch(grid, bank, feasible, spanned_space(signals)).run()
+    space = spanned_space(signals)
+    if len(space):
+        bank = bank.joined(_peaks(space, grid, bank, feasible))
+    return SpanSearch(grid, bank, feasible, space).run()
+
+
+def _peaks(space: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible) -> Bank:
+    """Narrow lobes about the half vectors of the pairs that weigh most in the space.
+
+    A lobe so narrow that few pairs see it fills the space at its peak, and no fixed bank of
+    normals comes near enough.
+    """
+    weight = space.square().sum(0)  # the leverage of each pair, [D]
+    light, view = grid.at(weight.topk(min(PEAKS, len(weight))).indices)
+    half = torch.nn.functional.normalize(light + view, dim=1)
+    used = {MODEL_NAMES[index] for index in torch.unique(bank.lobes.model).tolist()}
+    shapes = {name: rows for name, rows in PEAK_SHAPES.items() if name in used}
+    return bank_at(grid, shapes, half, feasible) if shapes else bank

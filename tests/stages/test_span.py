@@ -79,3 +79,16 @@ def test_few_or_black_signals_span_nothing() -> None:
     assert len(spanned_space(signals[:LOBES])) == 0
     assert len(spanned_space(torch.zeros(8, signals.shape[1]))) == 0
     assert len(spanned_space(signals[:0])) == 0
+
+
+@pytest.mark.parametrize("seed", [1, 2])  # at these the fixed bank alone does not find it
+def test_lobes_narrower_than_the_grid_are_found_at_their_peaks(bank: Bank, seed: int) -> None:
+    lobes = planted_lobes(seed)
+    kappa = lobes.kappa.clone()
+    kappa[2, :2] = 0.06  # Ward's slopes
+    lobes = LobeBatch(lobes.model, kappa, lobes.normal, lobes.angle)
+    atoms = unit(GRID.eval(lobes))
+    generator = torch.Generator().manual_seed(5)
+    signals = torch.rand(40, LOBES, generator=generator) @ atoms
+    found = unit(GRID.eval(spanned_lobes(signals, GRID, bank, FEASIBLE)))
+    assert float((found @ atoms[2]).max()) > 0.9999
