@@ -31,8 +31,8 @@ CANDIDATES, STARTS, START_LIKENESS = 400, 48, 0.97
 STEPS, ROUNDS = 24, 4
 # Pairs of most weight at which narrow lobes are tried.
 PEAKS = 64
-# Keeps a bank lobe that was found already from being divided by zero.
-TINY = 1e-6
+# Least part of a lobe that those found before must leave: what is smaller is rounding.
+TINY = 1e-4
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,10 @@ class SpanSearch:
         coordinates = self.space.new_zeros(0, COORDINATES)
         for _ in range(ROUNDS if len(self.space) else 0):
             found = len(model)
-            start = self._starts(self._atoms(model, coordinates))
+            basis = torch.linalg.qr(self._atoms(model, coordinates).T).Q.T  # [found, D]
+            start = self._starts(basis)
             trial_model = self.bank.lobes.model[start.cpu()]
-            trial, distance = self._descend(trial_model, self.bank.coordinates[start])
+            trial, distance = self._descend(trial_model, self.bank.coordinates[start], basis)
             inside = torch.nonzero(distance < INSIDE).squeeze(1)
             inside = inside[distance[inside].argsort()]
             model = torch.cat((model, trial_model[inside.cpu()]))
@@ -73,18 +74,11 @@ class SpanSearch:
         values = self.grid.eval(decode(model, coordinates))
         return values / values.norm(dim=1, keepdim=True)
 
-    def _starts(self, found: Tensor) -> Tensor:
-        """Bank lobes nearest to the part of the space that lobes `found [J, D]` do not span.
-
-        Recursively applied and projected MUSIC [Mosher and Leahy 1999].
-        """
-        inside = (self.bank.atoms @ self.space.T).square().sum(1)
-        rest = torch.ones_like(inside)
-        if len(found):
-            basis = torch.linalg.qr(found.T).Q  # [D, J]
-            along = (self.bank.atoms @ basis).square().sum(1)
-            inside, rest = inside - along, (1.0 - along).clamp(min=TINY)
-        score = (inside / rest).clamp(max=1.0)
+    def _starts(self, basis: Tensor) -> Tensor:
+        """Bank lobes nearest to the part of the space that `basis [J, D]` leaves."""
+        along = (self.bank.atoms @ basis.T).square().sum(1)
+        inside = (self.bank.atoms @ self.space.T).square().sum(1) - along
+        score = (inside / (1.0 - along).clamp(min=TINY)).clamp(max=1.0)
         chosen = []
         for index in torch.unique(self.bank.lobes.model).tolist():
             own = torch.nonzero(self.bank.lobes.model == index).squeeze(1).to(score.device)
@@ -93,41 +87,51 @@ class SpanSearch:
             chosen.append(best[kept.to(best.device)])
         return torch.cat(chosen)
 
-    def _descend(self, model: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
-        """Coordinates `[J, P]` and squared distances `[J]` at the nearest minima."""
+    def _descend(self, model: Tensor, start: Tensor, basis: Tensor) -> tuple[Tensor, Tensor]:
+        """Coordinates `[J, P]` and squared distances `[J]` at the nearest minima.
+
+        What lies along the lobes found before, `basis`, is taken out of every lobe: or those
+        would attract all others [recursively applied and projected MUSIC, Mosher and Leahy 1999].
+        """
         coordinates = start.clone()
-        distance = self._distance(model, start)
+        distance = self._distance(model, start, basis)
         damping = torch.full_like(distance, DAMPING_START)
         for _ in range(STEPS):
             rows = torch.nonzero(distance > EXACT).squeeze(1)
             if not len(rows):
                 break
             own = model[rows.cpu()]
-            step = damped_step(*self._slopes(own, coordinates[rows]), damping[rows])
+            step = damped_step(*self._slopes(own, coordinates[rows], basis), damping[rows])
             trial = self.feasible.project(own, coordinates[rows] + step.to(start.dtype))
-            there = self._distance(own, trial)
+            there = self._distance(own, trial, basis)
             better = there < distance[rows]
             coordinates[rows] = torch.where(better[:, None], trial, coordinates[rows])
             distance[rows] = torch.where(better, there, distance[rows])
             damping[rows] = next_damping(damping[rows], better)
         return coordinates, distance
 
-    def _distance(self, model: Tensor, coordinates: Tensor) -> Tensor:
-        atoms = self._atoms(model, coordinates)
-        outside = atoms - (atoms @ self.space.T) @ self.space
-        return outside.square().sum(1, dtype=torch.float64)
+    def _distance(self, model: Tensor, coordinates: Tensor, basis: Tensor) -> Tensor:
+        atoms = _without(self._atoms(model, coordinates), basis)
+        rest = atoms.square().sum(1, dtype=torch.float64).clamp(min=TINY)
+        outside = _without(atoms, self.space)
+        return outside.square().sum(1, dtype=torch.float64) / rest
 
-    def _slopes(self, model: Tensor, coordinates: Tensor) -> tuple[Tensor, Tensor]:
+    def _slopes(self, model: Tensor, coordinates: Tensor, basis: Tensor) -> tuple[Tensor, Tensor]:
         """Hessian (Gauss-Newton) `[J, P, P]` and gradient `[J, P]` of half the distance."""
         parts = self.grid.jacobian(model[:, None], coordinates[:, None])
-        rho, slope = (part[:, 0] for part in parts)  # [J, D], [J, P, D]
+        rho, slope = (_without(part[:, 0], basis) for part in parts)  # [J, D], [J, P, D]
         norm = rho.norm(dim=1)
         atoms, slope = rho / norm[:, None], slope / norm[:, None, None]
         slope = slope - (slope @ atoms[..., None]) * atoms[:, None]  # of lobes of unit norm
-        outside = atoms - (atoms @ self.space.T) @ self.space
         inner = slope @ self.space.T  # [J, P, r]
         hessian = slope @ slope.transpose(1, 2) - inner @ inner.transpose(1, 2)
-        return hessian.double(), (slope @ outside[..., None]).squeeze(-1).double()
+        gradient = slope @ _without(atoms, self.space)[..., None]
+        return hessian.double(), gradient.squeeze(-1).double()
+
+
+def _without(values: Tensor, basis: Tensor) -> Tensor:
+    """Rows `[..., D]` without what lies along orthonormal rows `basis [J, D]`."""
+    return values - (values @ basis.T) @ basis
 
 
 def spanned_space(signals: Tensor) -> Tensor:
