@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from . import store
+from . import sampling, store
 from .brdf import MODEL_NAMES
 from .errors import OutputError
 from .geometry import texel_at
@@ -77,6 +77,7 @@ class SPMM(nn.Module):
         self.residual = residual
         self.register_buffer("light", light)
         self.register_buffer("view", view)
+        self._sampling: sampling.SamplingData | None = None
 
     @classmethod
     def load(cls, run: Path | str, device: torch.device | str = "cpu") -> SPMM:
@@ -192,6 +193,50 @@ class SPMM(nn.Module):
             )
         ]
         return torch.cat(parts).view(*shape, self.weight.shape[1])
+
+    def sample(self, uv: Tensor, wo: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Light directions sampled by importance [WDR11 §6].
+
+        Args:
+            uv: texture coordinates `[..., 2]`.
+            wo: unit view directions `[..., 3]`.
+            u: uniform numbers `[..., 3]` in [0, 1).
+
+        Returns:
+            (wi `[..., 3]`, rgb = model(uv, wi, wo) `[..., C]`, pdf per solid angle `[...]`).
+        """
+        shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
+        uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
+        texel, share = texel_at(uv, self.height, self.width)
+        with torch.no_grad():
+            wi, density = sampling.sample(self.sampling_data(), texel, share, wo, u)
+        rgb = self(uv, wi, wo)
+        return wi.view(*shape, 3), rgb.view(*shape, -1), density.view(shape)
+
+    @torch.no_grad()
+    def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """The density of `sample` at wi, per solid angle: `[...]`; above 0 over the horizon."""
+        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
+        texel, share = texel_at(uv, self.height, self.width)
+        return sampling.pdf(self.sampling_data(), texel, share, wi, wo).view(shape)
+
+    @torch.no_grad()
+    def sampling_data(self, renew: bool = False) -> sampling.SamplingData:
+        """What importance sampling needs, made at first use and kept.
+
+        Args:
+            renew: make it anew, as is wise once parameters have changed much; it stays valid
+                whatever they are, but fits them less.
+        """
+        kept = self._sampling
+        if renew or kept is None or kept.gamma.device != self.weight.device:
+            size = sampling.residual_intensity(self.residual.code, self.residual.scale)  # [K]
+            kept = sampling.SamplingData.build(
+                self.dictionary, self.offset, self.index, self.weight, size[self.labels]
+            )
+            self._sampling = kept
+        return kept
 
     def _forward_block(
         self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor, residual: bool

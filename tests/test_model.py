@@ -234,3 +234,35 @@ def test_same_on_cuda(tmp_path: Path, model: SPMM) -> None:
     moved = model.to("cuda").picture(wi[0].cuda(), wo[0].cuda())
     torch.testing.assert_close(moved, on_gpu.picture(wi[0].cuda(), wo[0].cuda()))
     assert on_gpu.pack() == SPMM.load(tmp_path).pack()
+
+
+def test_samples_estimate_what_the_model_reflects(model: SPMM) -> None:
+    """The mean of rgb / pdf is the integral over the hemisphere, at texels and between them."""
+    generator = torch.Generator().manual_seed(3)
+    count = 40_000
+    wo = direction_from_angles(torch.tensor(0.6), torch.tensor(1.0))
+    for uv in (centre(2), torch.tensor([0.43, 0.61])):
+        wi, rgb, density = model.sample(uv, wo, torch.rand(count, 3, generator=generator))
+        assert float(wi[:, 2].min()) >= 0.0
+        assert torch.equal(rgb, model(uv, wi, wo))
+        torch.testing.assert_close(density, model.pdf(uv, wi, wo))
+        estimate = (rgb / density[:, None]).mean(0)
+        spread = (rgb / density[:, None]).std(0) / math.sqrt(count)
+        uniform = directions_on_hemisphere(400_000, generator)
+        values = 2.0 * math.pi * model(uv, uniform, wo)
+        error = (spread.square() + values.var(0) / len(values)).sqrt()
+        assert ((estimate - values.mean(0)).abs() < 4.5 * error).all()
+
+
+def directions_on_hemisphere(count: int, generator: torch.Generator) -> Tensor:
+    u = torch.rand(count, 2, generator=generator)
+    return direction_from_angles(torch.arccos(u[:, 0]), 2.0 * math.pi * u[:, 1])
+
+
+def test_sampling_shapes_and_renewal(model: SPMM) -> None:
+    wo = directions(5, 1)
+    wi, rgb, density = model.sample(centre(3), wo[None], torch.rand(2, 5, 3))
+    assert (wi.shape, rgb.shape, density.shape) == ((2, 5, 3), (2, 5, 3), (2, 5))
+    assert model.sampling_data() is model.sampling_data()
+    assert model.sampling_data(renew=True) is not None
+    assert model.pdf(centre(3), torch.tensor([0.0, 0.0, -1.0]), wo[0]).item() == 0.0

@@ -7,7 +7,9 @@ import math
 import torch
 from torch import Tensor
 
+from ..warp import square_to_ashikhmin_shirley, square_to_ashikhmin_shirley_pdf
 from .base import Parameter, above_horizon, guarded_cosines, half_vector, schlick_fresnel
+from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 # Squared sine of the half vector under which its azimuth does not matter.
 PLANAR_EPS = 1e-12
@@ -52,3 +54,13 @@ class AshikhminShirley:
         facing = cos_theta_d * torch.maximum(cos_theta_i, cos_theta_o)
         value = scale * lobe * schlick_fresnel(f0, cos_theta_d) / facing
         return value * above_horizon(wi, wo)
+
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """By visible half vectors of the anisotropic power [AS00, §3]; see `BRDF.sample`."""
+        h = square_to_ashikhmin_shirley(u[..., 1:], kappa[..., 0], kappa[..., 1])
+        return reflect_about_visible(h, wo, u[..., 0])
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` in 1/sr; see `BRDF.pdf`."""
+        h = unit_half_vector(wi, wo)
+        return visible_pdf(square_to_ashikhmin_shirley_pdf(h, kappa[..., 0], kappa[..., 1]), h, wo)

@@ -66,6 +66,17 @@ class BRDF(Protocol):
         """
         ...
 
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """wi `[..., 3]` drawn by `u [..., 3]` in [0, 1): u[0] for choices, the others for angles.
+
+        wo is above the horizon; wi may fall under it, where the value is 0.
+        """
+        ...
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density `[...]` of `sample` at wi, in 1/sr; it integrates to 1 over the whole sphere."""
+        ...
+
 
 @dataclass(frozen=True)
 class HalfVector:

@@ -7,7 +7,9 @@ import math
 import torch
 from torch import Tensor
 
+from ..warp import square_to_power_cosine, square_to_power_cosine_pdf
 from .base import Parameter, above_horizon, half_vector
+from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
 class BlinnPhong:
@@ -37,3 +39,13 @@ class BlinnPhong:
         log_cos_theta_h = -0.5 * torch.log1p(h.planar_squared / (h.z * h.z))
         scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (torch.exp2(-0.5 * n) + n))
         return scale * torch.exp(n * log_cos_theta_h) * above_horizon(wi, wo)
+
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """By visible half vectors spread as (n . h)^(n + 1); see `BRDF.sample`."""
+        h = square_to_power_cosine(u[..., 1:], kappa[..., 0] + 1.0)
+        return reflect_about_visible(h, wo, u[..., 0])
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` in 1/sr; see `BRDF.pdf`."""
+        h = unit_half_vector(wi, wo)
+        return visible_pdf(square_to_power_cosine_pdf(h, kappa[..., 0] + 1.0), h, wo)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..warp import square_to_beckmann, square_to_beckmann_pdf
 from .base import (
     INV_PI,
     Parameter,
@@ -13,6 +14,7 @@ from .base import (
     half_vector,
     schlick_fresnel,
 )
+from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
 class CookTorrance:
@@ -51,3 +53,13 @@ class CookTorrance:
         scale = 0.25 * INV_PI / (alpha_squared * cos_theta_i)
         value = scale / cos_theta_o * beckmann * fresnel * groove.clamp(max=1.0)
         return value * above_horizon(wi, wo)
+
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """By the distribution of visible normals [Heitz and d'Eon 2014]; see `BRDF.sample`."""
+        h = square_to_beckmann(u[..., 1:], kappa[..., 0], kappa[..., 0])
+        return reflect_about_visible(h, wo, u[..., 0])
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` in 1/sr; see `BRDF.pdf`."""
+        h = unit_half_vector(wi, wo)
+        return visible_pdf(square_to_beckmann_pdf(h, kappa[..., 0], kappa[..., 0]), h, wo)

@@ -6,7 +6,10 @@ import math
 
 import torch
 from torch import Tensor
+from torch.nn.functional import normalize
 
+from ..geometry import frame_from_normal
+from ..warp import square_to_power_cosine, square_to_power_cosine_pdf
 from .base import Parameter, above_horizon
 
 # The lobe's base is raised to a power through its logarithm, so it is kept above zero.
@@ -46,3 +49,20 @@ class Lafortune:
         lobe = torch.exp(n * torch.log(base.clamp(min=BASE_EPS)))
         lit = above_horizon(wi, wo) & (base > BASE_EPS)
         return (n + 2.0) / (2.0 * math.pi) * lobe * lit
+
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """By the cosine power about the lobe's axis; see `BRDF.sample`."""
+        about_z = square_to_power_cosine(u[..., 1:], kappa[..., 1])
+        return (about_z[..., None, :] @ _about_axis(kappa[..., 0], wo))[..., 0, :]
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` in 1/sr; see `BRDF.pdf`."""
+        about_z = (_about_axis(kappa[..., 0], wo) @ wi[..., None])[..., 0]
+        return square_to_power_cosine_pdf(about_z, kappa[..., 1])
+
+
+def _about_axis(c_xy: Tensor, wo: Tensor) -> Tensor:
+    """Rotations `[..., 3, 3]` that take the lobe's axis, (C wo.x, C wo.y, wo.z), to z."""
+    x, y = c_xy * wo[..., 0], c_xy * wo[..., 1]
+    axis = torch.stack((x, y, wo[..., 2].expand(x.shape)), dim=-1)
+    return frame_from_normal(normalize(axis, dim=-1), torch.zeros_like(x))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ..warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import INV_PI, Parameter, above_horizon
 
 
@@ -21,3 +22,11 @@ class Lambertian:
         lit = above_horizon(wi, wo)
         shape = torch.broadcast_shapes(kappa.shape[:-1], lit.shape)
         return (INV_PI * lit.to(wi.dtype)).expand(shape)
+
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """By the cosine; see `BRDF.sample`."""
+        return square_to_cosine_hemisphere(u[..., 1:])
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` in 1/sr; see `BRDF.pdf`."""
+        return square_to_cosine_hemisphere_pdf(wi)

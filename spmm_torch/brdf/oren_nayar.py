@@ -7,6 +7,7 @@ import math
 import torch
 from torch import Tensor
 
+from ..warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import INV_PI, Parameter, above_horizon, guarded_cosines
 
 
@@ -39,3 +40,11 @@ class OrenNayar:
         planar = wi[..., 0] * wo[..., 0] + wi[..., 1] * wo[..., 1]
         swing = planar.clamp(min=0.0) / torch.maximum(cos_theta_i, cos_theta_o)
         return INV_PI * (a + b * swing) * above_horizon(wi, wo)
+
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """By the cosine; see `BRDF.sample`."""
+        return square_to_cosine_hemisphere(u[..., 1:])
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` in 1/sr; see `BRDF.pdf`."""
+        return square_to_cosine_hemisphere_pdf(wi)

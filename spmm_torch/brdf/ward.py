@@ -7,7 +7,9 @@ import math
 import torch
 from torch import Tensor
 
+from ..warp import square_to_beckmann, square_to_beckmann_pdf
 from .base import Parameter, above_horizon, guarded_cosines, half_vector
+from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
 class Ward:
@@ -47,3 +49,13 @@ class Ward:
             foreshortening_i, foreshortening_o = cos_theta_i.rsqrt(), cos_theta_o.rsqrt()
         scale = foreshortening_o / (4.0 * math.pi * alpha_x * alpha_y)
         return torch.exp(-slope) * scale * foreshortening_i * above_horizon(wi, wo)
+
+    def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """By visible half vectors of Gaussian slopes [Walter 2005]; see `BRDF.sample`."""
+        h = square_to_beckmann(u[..., 1:], kappa[..., 0], kappa[..., 1])
+        return reflect_about_visible(h, wo, u[..., 0])
+
+    def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` in 1/sr; see `BRDF.pdf`."""
+        h = unit_half_vector(wi, wo)
+        return visible_pdf(square_to_beckmann_pdf(h, kappa[..., 0], kappa[..., 1]), h, wo)

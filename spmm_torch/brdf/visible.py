@@ -1,0 +1,50 @@
+"""Sampling through the half vectors that the view sees, for every BRDF that is a lobe of h.
+
+Microfacets in V-grooves come in pairs, h = (x, y, z) and h' = (-x, -y, z). Of a pair that is drawn
+from the plain density p_h of half vectors, the facet is taken in proportion to its visible area
+<h.wo>, which gives exactly the distribution of visible normals of the V-groove model
+[Heitz and d'Eon 2014], so of our Cook-Torrance; for the other BRDFs it is a sampler that
+never wastes a half vector that faces away. With wi the mirror image of wo about h,
+
+    pdf(wi) = p_h(h) / (2 max(h.wo, 2 (n.h)(n.wo))).
+
+It holds for every p_h that is the same at h and h', and for wo above the horizon.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+# wi + wo shorter than this has lost its direction to rounding. It is met only where wi is under the
+# horizon, or where both are within a thousandth of a degree of it.
+LENGTH_FLOOR = 1e-6
+
+
+def reflect_about_visible(h: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+    """wi `[..., 3]`: wo mirrored about h or its partner, whichever `u [...]` in [0, 1) takes.
+
+    Args:
+        h: unit half vectors from p_h `[..., 3]`.
+        wo: unit, above the horizon `[..., 3]`.
+    """
+    planar = h[..., 0] * wo[..., 0] + h[..., 1] * wo[..., 1]
+    upright = h[..., 2] * wo[..., 2]
+    own, other = (upright + planar).clamp(min=0.0), (upright - planar).clamp(min=0.0)
+    sign = torch.where(u * (own + other) < own, 1.0, -1.0).to(h.dtype)
+    cos_theta_d = upright + sign * planar
+    taken = torch.stack((sign * h[..., 0], sign * h[..., 1], h[..., 2].expand(sign.shape)), dim=-1)
+    return 2.0 * cos_theta_d[..., None] * taken - wo
+
+
+def unit_half_vector(wi: Tensor, wo: Tensor) -> Tensor:
+    """The unit half vector `[..., 3]` of wi and wo; 0 where they are opposite."""
+    h = wi + wo
+    return h / h.norm(dim=-1, keepdim=True).clamp(min=LENGTH_FLOOR)
+
+
+def visible_pdf(density: Tensor, h: Tensor, wo: Tensor) -> Tensor:
+    """pdf(wi) in 1/sr `[...]` of p_h(h) = `density [...]`, h the unit half vector of wi and wo."""
+    cos_theta_d = (h * wo).sum(dim=-1)
+    widest = torch.maximum(cos_theta_d, 2.0 * h[..., 2] * wo[..., 2])
+    return density / (2.0 * widest.clamp(min=LENGTH_FLOOR))
