@@ -74,7 +74,7 @@ class SamplingData:
             table,
             lengths.cumsum(0).int(),
             index[kept].int(),
-            torch.ceil(CODE_MAX * gamma).to(torch.uint8),
+            torch.ceil(CODE_MAX * gamma).clamp(max=CODE_MAX).to(torch.uint8),
             share.to(torch.uint8),
             int(lengths.max()),
         )

@@ -1,0 +1,84 @@
+"""A BTF as a material: its own values, interpolated between what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..data import BTF
+from ..geometry import HemisphereInterpolation, texel_at
+from ..memory import slices
+from ..residual import LOWEST_COSINE
+
+# Values of whole texels that are expanded at once: 64 MB of float32.
+TEXEL_VALUES = 1 << 24
+# Values that are picked out of them at once, 27 for each query of a texel.
+PICKED_VALUES = 1 << 22
+
+
+@dataclass(frozen=True)
+class BTFMaterial:
+    """A BTF between its measured directions and texels.
+
+    Linear between the corners of the spherical triangles of lights and of views (3 x 3 pairs) and
+    bilinear between texels, so measured pairs at texel centres return their measured value. Below
+    the lowest measured ring, values are those above it; of lights they fade with their cosine.
+    The same rules hold for the residual of a model.
+
+    Attributes:
+        btf: decoded in memory or in its cache.
+        light_mesh, view_mesh: of its directions.
+    """
+
+    btf: BTF
+    light_mesh: HemisphereInterpolation
+    view_mesh: HemisphereInterpolation
+
+    @classmethod
+    def build(cls, btf: BTF, device: torch.device | str = "cpu") -> BTFMaterial:
+        """The material of a BTF, for queries on a device."""
+        light = HemisphereInterpolation.build(btf.light).to(device)
+        return cls(btf, light, HemisphereInterpolation.build(btf.view).to(device))
+
+    def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
+        """Linear cosine-weighted RGB `[..., C]` of uv `[..., 2]`, wi and wo `[..., 3]`.
+
+        Memory is bounded whatever the size of the BTF: each texel that is met is read once.
+        """
+        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        texel, share = texel_at(
+            uv.expand(*shape, 2).reshape(-1, 2), self.btf.height, self.btf.width
+        )
+        pair, weight = self._pairs(wi, wo, shape)  # [Q, 9]
+        query, corner = torch.nonzero(share, as_tuple=True)  # [E] texels that count
+        order = torch.argsort(texel[query, corner], stable=True)
+        query, corner = query[order], corner[order]
+        entries = share.new_zeros(*share.shape, self.btf.channels)  # [Q, 4, C]
+        met, count = torch.unique_consecutive(texel[query, corner], return_counts=True)
+        end = count.cumsum(0).tolist()
+        for block in slices(len(met), max(1, TEXEL_VALUES // (self.btf.pair_count * 3))):
+            values = self.btf.texels(met[block], uv.device).flatten(0, 1)  # [n * D, C]
+            first = end[block.start - 1] if block.start else 0
+            row = torch.repeat_interleave(count[block])  # [e], texel of the block
+            for part in slices(len(row), max(1, PICKED_VALUES // 27)):
+                where = slice(first + part.start, first + part.stop)
+                q = query[where]
+                picked = values[row[part, None] * self.btf.pair_count + pair[q]].to(weight)
+                entries[q, corner[where]] = torch.einsum("epc,ep->ec", picked, weight[q])
+        total = (entries * share[..., None]).sum(1)
+        return total.view(*shape, self.btf.channels)
+
+    def _pairs(self, wi: Tensor, wo: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
+        """Direction pairs and weights `[Q, 9]` of wi and wo, each found before it is repeated."""
+        light, light_weight = self.light_mesh.weights(wi)  # [..., 3]
+        view, view_weight = self.view_mesh.weights(wo)  # [..., 3]
+        lowest = max(float(self.btf.light[:, 2].min()), LOWEST_COSINE)
+        fade = (wi[..., 2] / lowest).clamp(0.0, 1.0)
+        light_weight = light_weight * fade[..., None]
+        view_weight = view_weight * (wo[..., 2:] > 0.0)
+        pair = view[..., :, None] * len(self.btf.light) + light[..., None, :]
+        weight = view_weight[..., :, None] * light_weight[..., None, :]
+        full = (*shape, 3, 3)
+        return pair.expand(full).reshape(-1, 9), weight.expand(full).reshape(-1, 9)

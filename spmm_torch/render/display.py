@@ -1,0 +1,104 @@
+"""Linear pictures to what screens and files hold: exposure, display curve, PNG, EXR and GIF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from torch import Tensor
+
+from ..data.codecs import openexr
+from ..data.writers.atomic import new_file
+from ..errors import ConfigError
+
+# This part of the covered pixels is shown without clipping.
+SHOWN_FRACTION = 0.99
+# The display curve of sRGB [IEC 61966-2-1].
+SRGB_KNEE, SRGB_SLOPE, SRGB_SCALE, SRGB_GAMMA = 0.0031308, 12.92, 1.055, 2.4
+# Time that a frame of a turntable stays, in milliseconds; GIFs count hundredths of a second.
+FRAME_TIME = 80
+STILL_SUFFIXES = (".png", ".exr")
+MOVING_SUFFIX = ".gif"
+
+
+def auto_exposure(pictures: Sequence[Tensor], coverages: Sequence[Tensor]) -> float:
+    """The factor that maps the 99th percentile of covered pixels to 1; 1 if they are all black."""
+    values = [
+        picture[coverage > 0.0].flatten().cpu().numpy()
+        for picture, coverage in zip(pictures, coverages, strict=True)
+    ]
+    shown = np.concatenate(values)
+    for white in (np.quantile(shown, SHOWN_FRACTION), shown.max()):
+        if white > 0.0:
+            return 1.0 / float(white)
+    return 1.0
+
+
+def encode_display(linear: Tensor, gamma: float | None = None) -> Tensor:
+    """Display values in 0..1 of linear ones, which are clipped: sRGB, or a plain exponent."""
+    shown = linear.clamp(0.0, 1.0)
+    if gamma is not None:
+        return shown ** (1.0 / gamma)
+    curve = SRGB_SCALE * shown ** (1.0 / SRGB_GAMMA) - (SRGB_SCALE - 1.0)
+    return torch.where(shown <= SRGB_KNEE, SRGB_SLOPE * shown, curve)
+
+
+def display_codes(picture: Tensor, exposure: float = 1.0, gamma: float | None = None) -> np.ndarray:
+    """8-bit codes `[H, W, 3]` of a linear picture times `exposure`."""
+    shown = encode_display(picture * exposure, gamma)
+    return torch.round(shown * 255.0).to(torch.uint8).cpu().numpy()
+
+
+def write_png(path: Path | str, codes: np.ndarray) -> None:
+    """Writes 8-bit codes `[H, W, 3]`.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with new_file(path) as temporary:
+        Image.fromarray(codes).save(temporary, "PNG", optimize=True)
+
+
+def write_exr(path: Path | str, picture: Tensor) -> None:
+    """Writes a linear picture `[H, W, 3]`, single floats, nothing clipped.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with new_file(path) as temporary:
+        temporary.write_bytes(openexr.encode(picture.float().cpu().numpy()))
+
+
+def write_gif(path: Path | str, frames: Sequence[np.ndarray]) -> None:
+    """Writes frames of 8-bit codes `[H, W, 3]` as an endless picture.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    images = [Image.fromarray(frame) for frame in frames]
+    with new_file(path) as temporary:
+        images[0].save(
+            temporary,
+            "GIF",
+            save_all=True,
+            append_images=images[1:],
+            duration=FRAME_TIME,
+            loop=0,
+        )
+
+
+def check_output(path: str, moving: bool) -> None:
+    """Refuse a name whose suffix is no kind of picture that fits, before any work is done.
+
+    Raises:
+        ConfigError: it is not.
+    """
+    suffix = Path(path).suffix.lower()
+    if moving and suffix != MOVING_SUFFIX:
+        raise ConfigError(f"output {path} is no .gif; a turntable expects one; change the name.")
+    if not moving and suffix not in STILL_SUFFIXES:
+        hint = "; give --turntable N for a .gif" if suffix == MOVING_SUFFIX else ""
+        raise ConfigError(f"output {path} is no picture; expected .png or .exr{hint}.")

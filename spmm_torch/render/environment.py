@@ -1,0 +1,190 @@
+"""Light from all around: a picture of the surroundings, its reader, and a built-in studio.
+
+Pictures are latitude-longitude maps as OpenEXR defines them: the top row is +y, the middle is +z,
+the middle of the left half is +x, so that someone inside sees them unmirrored. Radiance is constant
+within a pixel, which makes the sampling exact [Pharr et al., Physically Based Rendering, 12.5].
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..data.codecs import DECODE_ERRORS, HEAD_BYTES, openexr, radiance
+from ..errors import DataError
+
+# Relative luminance of linear sRGB primaries [ITU-R BT.709].
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+# The studio: rows of its map; columns are twice as many.
+STUDIO_ROWS = 64
+# Radiance of its walls at the bottom and at the top.
+STUDIO_FLOOR, STUDIO_CEILING = 0.05, 0.25
+# Its soft boxes: (azimuth from +z towards +x and elevation of the centre, half width and half
+# height, all in degrees; RGB): a warm key light, a cool and wide fill light, a rim light behind.
+SOFT_BOXES = (
+    ((40.0, 40.0), (18.0, 18.0), (8.0, 7.6, 7.0)),
+    ((-60.0, 15.0), (25.0, 30.0), (1.3, 1.4, 1.6)),
+    ((160.0, 35.0), (20.0, 12.0), (5.0, 5.0, 5.0)),
+)
+
+
+@dataclass(frozen=True)
+class EnvironmentLight:
+    """Radiance from every direction.
+
+    Attributes:
+        picture: radiance `[H, W, 3]`.
+        rows: the share of each row and all above it in the sampled light, `[H]` float64.
+        cells: row number + share of each pixel and all left of it in its row, `[H * W]` float64;
+            rising, so that one search finds a pixel in any row.
+        density: solid-angle density of sampling each pixel, `[H * W]` float64, in 1/sr.
+        rotation: from map axes to world axes, `[3, 3]` float64.
+    """
+
+    picture: Tensor
+    rows: Tensor
+    cells: Tensor
+    density: Tensor
+    rotation: Tensor
+
+    @classmethod
+    def build(cls, picture: Tensor, name: str = "the environment map") -> EnvironmentLight:
+        """The light of a latitude-longitude map `[H, W, 3]`.
+
+        Raises:
+            DataError: of another shape, not finite, negative or black.
+        """
+        _check_radiance(picture, name)
+        height, width = picture.shape[:2]
+        edges = torch.cos(torch.linspace(0.0, math.pi, height + 1, dtype=torch.float64))
+        solid_angle = (edges[:-1] - edges[1:]).to(picture.device) * (2.0 * math.pi / width)  # [H]
+        weights = torch.tensor(LUMINANCE, dtype=torch.float64, device=picture.device)
+        power = (picture.double() @ weights) * solid_angle[:, None]  # [H, W]
+        row_power = power.sum(1)
+        share = power / row_power.clamp(min=torch.finfo(torch.float64).tiny)[:, None]
+        ascending = torch.arange(height, dtype=torch.float64, device=picture.device)
+        cells = share.cumsum(1).clamp(max=1.0)
+        rows = (row_power / row_power.sum()).cumsum(0)
+        cells[:, -1] = rows[-1] = 1.0  # whatever rounding says, and in black rows
+        cells = cells + ascending[:, None]
+        density = power / (row_power.sum() * solid_angle[:, None])
+        rotation = torch.eye(3, dtype=torch.float64)
+        return cls(picture, rows, cells.flatten(), density.flatten(), rotation)
+
+    @classmethod
+    def read(cls, path: Path | str) -> EnvironmentLight:
+        """The light of an OpenEXR or Radiance picture.
+
+        Raises:
+            DataError: the file cannot be read, or holds what is no light.
+        """
+        try:
+            payload = Path(path).read_bytes()
+            picture = _decode(payload)
+        except DECODE_ERRORS as error:
+            raise DataError(
+                f"environment map {path} cannot be read ({error}); expected an OpenEXR or "
+                f"Radiance picture (.exr, .hdr) in latitude-longitude format; check the file."
+            ) from error
+        return cls.build(picture, f"environment map {path}")
+
+    @classmethod
+    def studio(cls) -> EnvironmentLight:
+        """The built-in studio: three soft boxes between dim walls."""
+        return cls.build(studio_picture(STUDIO_ROWS), "the studio")
+
+    def to(self, device: torch.device | str, dtype: torch.dtype) -> EnvironmentLight:
+        """The same light on a device, with radiance of a type."""
+        parts = (part.to(device) for part in (self.rows, self.cells, self.density, self.rotation))
+        return EnvironmentLight(self.picture.to(device, dtype), *parts)
+
+    def rotated(self, rotation: Tensor) -> EnvironmentLight:
+        """The light carried along by a rotation `[3, 3]` of the world."""
+        return replace(self, rotation=rotation.to(self.rotation.device) @ self.rotation)
+
+    def sample(self, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Directions `[..., 3]`, radiance `[..., 3]` and pdf `[...]` of u `[..., 2]` in [0, 1)."""
+        height, width = self.picture.shape[:2]
+        row, down = _search(self.rows, u[..., 0].double())
+        row = row.clamp(max=height - 1)
+        # Rounding must not lead to the neighbouring row.
+        cell, right = _search(self.cells, row + u[..., 1].double())
+        cell = torch.minimum(torch.maximum(cell, row * width), row * width + width - 1)
+        top = torch.cos(row * (math.pi / height))
+        bottom = torch.cos((row + 1) * (math.pi / height))
+        y = top + (bottom - top) * down
+        longitude = math.pi - (cell - row * width + right) * (2.0 * math.pi / width)
+        radius = torch.sqrt((1.0 - y * y).clamp(min=0.0))
+        local = torch.stack((radius * torch.sin(longitude), y, radius * torch.cos(longitude)), -1)
+        direction = (local @ self.rotation.T).to(u.dtype)
+        value = self.picture.reshape(-1, 3)[cell].to(u.dtype)
+        return direction, value, self.density[cell].to(u.dtype)
+
+    def pdf(self, direction: Tensor) -> Tensor:
+        """Density `[...]` in 1/sr with which `sample` yields unit directions `[..., 3]`."""
+        return self.density[self._pixel(direction)].to(direction.dtype)
+
+    def radiance(self, direction: Tensor) -> Tensor:
+        """RGB `[..., 3]` from unit directions `[..., 3]`."""
+        return self.picture.reshape(-1, 3)[self._pixel(direction)].to(direction.dtype)
+
+    def _pixel(self, direction: Tensor) -> Tensor:
+        """Index `[...]` of the pixel in each direction."""
+        height, width = self.picture.shape[:2]
+        x, y, z = (direction @ self.rotation.to(direction.dtype)).unbind(-1)
+        row = torch.arccos(y.clamp(-1.0, 1.0)) * (height / math.pi)
+        column = (0.5 - torch.atan2(x, z) / (2.0 * math.pi)) * width
+        row, column = row.long().clamp(max=height - 1), column.long().clamp(0, width - 1)
+        return row * width + column
+
+
+def studio_picture(rows: int) -> Tensor:
+    """The map `[rows, 2 * rows, 3]` of the studio."""
+    polar = (torch.arange(rows) + 0.5) * (math.pi / rows)
+    longitude = math.pi - (torch.arange(2 * rows) + 0.5) * (math.pi / rows)
+    elevation = torch.rad2deg(0.5 * math.pi - polar)[:, None]  # [H, 1]
+    azimuth = torch.rad2deg(longitude)  # [W]
+    wall = STUDIO_FLOOR + (STUDIO_CEILING - STUDIO_FLOOR) * (elevation + 90.0) / 180.0
+    picture = wall[..., None].expand(rows, 2 * rows, 3).clone()
+    for (across, up), (half_width, half_height), rgb in SOFT_BOXES:
+        away = (azimuth - across + 180.0) % 360.0 - 180.0
+        inside = (away.abs() < half_width) & ((elevation - up).abs() < half_height)
+        picture[inside] = torch.tensor(rgb)
+    return picture
+
+
+def _search(cumulative: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
+    """The cell `[...]` that u `[...]` falls into, and how far into it, from 0 to 1."""
+    cell = torch.searchsorted(cumulative, u.contiguous(), right=True)
+    cell = cell.clamp(max=len(cumulative) - 1)
+    low = torch.where(cell > 0, cumulative[(cell - 1).clamp(min=0)], 0.0)
+    high = cumulative[cell]
+    # The first cell of a row starts at the whole number that ends the row above.
+    share = (u - low) / (high - low).clamp(min=torch.finfo(torch.float64).tiny)
+    return cell, share.clamp(0.0, 1.0)
+
+
+def _decode(payload: bytes) -> Tensor:
+    """Radiance `[H, W, 3]` float32 of the content of a file."""
+    head = payload[:HEAD_BYTES]
+    if openexr.accepts(head):
+        return torch.from_numpy(openexr.decode(payload)).float()
+    if radiance.accepts(head):
+        return torch.from_numpy(radiance.rgbe_to_float(radiance.decode(payload)))
+    raise ValueError("it is neither OpenEXR nor Radiance")
+
+
+def _check_radiance(picture: Tensor, name: str) -> None:
+    if picture.dim() != 3 or picture.shape[2] != 3 or 0 in picture.shape:
+        raise DataError(f"{name} has shape {list(picture.shape)}; expected [height, width, 3].")
+    if not bool(picture.isfinite().all()):
+        raise DataError(f"{name} holds values that are not finite; expected radiance; mend it.")
+    if bool((picture < 0.0).any()):
+        low = float(picture.min())
+        raise DataError(f"{name} holds negative radiance ({low:g}); expected 0 or more; mend it.")
+    if not bool(picture.any()):
+        raise DataError(f"{name} is all black; expected a light that lights something.")

@@ -1,0 +1,64 @@
+"""What the renderer asks of a material, and how it samples one that has no sampler of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+from torch import Tensor
+
+from ..warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+
+
+class Material(Protocol):
+    """Cosine-weighted reflectance; an `SPMM` is one as it is."""
+
+    def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
+        """Linear RGB `[..., 3]` of uv `[..., 2]` and local unit wi, wo `[..., 3]`.
+
+        Leading dimensions broadcast, the texture repeats, and the value is 0 where wi or wo is
+        under the horizon.
+        """
+        ...
+
+
+@runtime_checkable
+class SampledMaterial(Protocol):
+    """A material that says which light directions matter."""
+
+    def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
+        """As in `Material`."""
+        ...
+
+    def sample(self, uv: Tensor, wo: Tensor, u: Tensor, /) -> tuple[Tensor, Tensor, Tensor]:
+        """Directions wi `[..., 3]` of u `[..., 3]` in [0, 1), their value and their pdf `[...]`."""
+        ...
+
+    def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
+        """Density `[...]` in 1/sr with which `sample` yields wi."""
+        ...
+
+
+@dataclass(frozen=True)
+class CosineSampled:
+    """A material with the sampler of a diffuse one: every direction stays possible."""
+
+    material: Material
+
+    def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
+        """The value of the material itself."""
+        return self.material(uv, wi, wo)
+
+    def sample(self, uv: Tensor, wo: Tensor, u: Tensor, /) -> tuple[Tensor, Tensor, Tensor]:
+        """Directions, values and pdf of u `[..., 3]`, whose first two numbers count."""
+        wi = square_to_cosine_hemisphere(u[..., :2])
+        return wi, self.material(uv, wi, wo), self.pdf(uv, wi, wo)
+
+    def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
+        """cos(theta_i) / pi `[...]`."""
+        return square_to_cosine_hemisphere_pdf(wi)
+
+
+def with_sampler(material: Material) -> SampledMaterial:
+    """The material itself where it has a sampler, else with one."""
+    return material if isinstance(material, SampledMaterial) else CosineSampled(material)

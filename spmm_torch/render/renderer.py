@@ -1,0 +1,203 @@
+"""Pictures of a material on a shape: eye rays, hits, light, pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..errors import ConfigError
+from ..memory import slices
+from .camera import Camera
+from .direct import BLOCK_DIRECTIONS, Hits, from_delta_lights, from_environment
+from .environment import EnvironmentLight
+from .lights import DirectionalLight, PointLight
+from .material import Material, with_sampler
+from .points import LightNumbers, pixel_points
+from .shapes import Shape
+
+Light = DirectionalLight | PointLight | EnvironmentLight
+# Eye rays that are traced at once.
+BLOCK_RAYS = 1 << 20
+# Hits are visited tile by tile of the texture, so that neighbours share what they read.
+TILES = 64
+# A picture of 4096 pixels each way takes some 500 MB.
+MAX_COUNT = 1 << 12
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """How fine a picture is.
+
+    Args:
+        size: pixels along each side.
+        samples: eye rays of a pixel.
+        light_samples: directions that each eye ray draws from each environment light, and as many
+            from the material.
+        seed: of every random choice.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    size: int = 256
+    samples: int = 4
+    light_samples: int = 4
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("size", "samples", "light_samples"):
+            value = getattr(self, name)
+            if not 1 <= value <= MAX_COUNT:
+                raise ConfigError(
+                    f"{name.replace('_', ' ')} is {value}; expected a number from 1 to {MAX_COUNT}."
+                )
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is rendered: one shape, one camera, and lights.
+
+    Raises:
+        ConfigError: no light, or the camera lies inside of the shape.
+    """
+
+    shape: Shape
+    camera: Camera
+    lights: tuple[Light, ...]
+
+    def __post_init__(self) -> None:
+        if not self.lights:
+            raise ConfigError("the scene has no light; expected at least one; add one.")
+        position = self.camera.position
+        if position is not None and self.shape.holds(position):
+            place = ", ".join(f"{x:.3g}" for x in position.tolist())
+            raise ConfigError(
+                f"the camera at ({place}) lies inside the {type(self.shape).__name__.lower()}; "
+                f"expected it outside; increase its distance."
+            )
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """A picture.
+
+    Attributes:
+        picture: linear radiance `[size, size, 3]`, row 0 at the top; black beside the shape.
+        coverage: the part of each pixel that the shape covers, `[size, size]`.
+    """
+
+    picture: Tensor
+    coverage: Tensor
+
+
+@torch.no_grad()
+def render(
+    material: Material,
+    scene: Scene,
+    settings: RenderSettings = RenderSettings(),
+    device: torch.device | str = "cpu",
+    dtype: torch.dtype = torch.float32,
+    progress: Callable[[int], object] | None = None,
+) -> Rendering:
+    """Renders by direct light; the same seed gives the same picture on the same device.
+
+    Args:
+        material: an `SPMM`, a `BTFMaterial`, or any other; on `device`.
+        scene: shape, camera and lights.
+        settings: size and samples.
+        device, dtype: of the computation and of the result.
+        progress: told how many more eye rays are done.
+
+    Raises:
+        ConfigError: the camera sees nothing of the shape.
+    """
+    count = settings.size**2
+    total = torch.zeros(count, 3, dtype=dtype, device=device)
+    covered = torch.zeros(count, dtype=dtype, device=device)
+    scene = Scene(scene.shape, scene.camera, tuple(_moved(scene.lights, device, dtype)))
+    generator = torch.Generator().manual_seed(settings.seed)
+    numbers = LightNumbers.draw(count, settings.samples, settings.light_samples, generator)
+    numbers = numbers.to(device)
+    tell = progress or (lambda count: None)
+    for pixels in slices(count, max(1, BLOCK_RAYS // settings.samples)):
+        hits = trace(scene, settings, pixels, generator, total)
+        for block in hit_blocks(hits, scene, settings):
+            total.index_add_(0, block.pixel, shade(material, block, scene.lights, numbers))
+            tell(len(block))
+        covered.index_add_(0, hits.pixel, torch.ones_like(hits.uv[:, 0]))
+        tell((pixels.stop - pixels.start) * settings.samples - len(hits))
+    if not bool(covered.any()):
+        raise ConfigError(
+            f"the camera sees nothing of the {type(scene.shape).__name__.lower()}; expected it in "
+            f"front of it, and theta below 90 degrees for a plane."
+        )
+    square = (settings.size, settings.size)
+    picture = (total / settings.samples).view(*square, 3)
+    return Rendering(picture, (covered / settings.samples).view(square))
+
+
+def trace(
+    scene: Scene,
+    settings: RenderSettings,
+    pixels: slice,
+    generator: torch.Generator,
+    like: Tensor,
+) -> Hits:
+    """The hits of all eye rays of consecutive pixels, tile by tile of the texture.
+
+    Args:
+        like: tells device and type.
+    """
+    pixel = torch.arange(pixels.start, pixels.stop, device=like.device)
+    at = pixel_points(pixel, settings.size, settings.samples, generator).to(like)
+    rays = scene.camera.rays(at.flatten(0, 1))
+    distance = scene.shape.distance(rays)
+    met = torch.nonzero(torch.isfinite(distance)).squeeze(-1)
+    direction = rays.direction[met]
+    position = rays.origin[met] + distance[met, None] * direction
+    frame, uv = scene.shape.surface(position)
+    wo = -(frame @ direction[..., None]).squeeze(-1)
+    sample = met % settings.samples
+    hits = Hits(
+        position,
+        frame,
+        uv,
+        wo,
+        pixel[torch.div(met, settings.samples, rounding_mode="floor")],
+        sample,
+    )
+    column, row = (torch.remainder(uv, 1.0) * TILES).long().unbind(-1)
+    return hits[torch.argsort(row * TILES + column, stable=True)]
+
+
+def hit_blocks(hits: Hits, scene: Scene, settings: RenderSettings) -> Iterator[Hits]:
+    """The hits, so many at once as the directions of each allow."""
+    has_environment = any(isinstance(light, EnvironmentLight) for light in scene.lights)
+    each = max(len(scene.lights), 2 * settings.light_samples if has_environment else 1)
+    for block in slices(len(hits), max(1, BLOCK_DIRECTIONS // each)):
+        yield hits[block]
+
+
+def shade(material: Material, hits: Hits, lights: Sequence[Light], numbers: LightNumbers) -> Tensor:
+    """Radiance `[N, 3]` from hits to the eye."""
+    deltas = [light for light in lights if not isinstance(light, EnvironmentLight)]
+    total = torch.zeros_like(hits.position)
+    if deltas:
+        total = total + from_delta_lights(material, hits, deltas)
+    sampled = with_sampler(material)
+    for light in lights:
+        if isinstance(light, EnvironmentLight):
+            u = numbers.of(hits.pixel, hits.sample)
+            total = total + from_environment(sampled, hits, light, (u[0].to(total), u[1].to(total)))
+    return total
+
+
+def _moved(
+    lights: Sequence[Light], device: torch.device | str, dtype: torch.dtype
+) -> Iterator[Light]:
+    """Lights whose maps lie where they are read."""
+    for light in lights:
+        yield light.to(device, dtype) if isinstance(light, EnvironmentLight) else light
