@@ -6,6 +6,8 @@ import math
 import mmap
 import os
 import re
+import resource
+import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ UNITS = "KMGT"
 SIZE = re.compile(rf"\s*(\d+(?:\.\d+)?)\s*(?:([{UNITS}])(I?))?B?\s*", re.IGNORECASE)
 # Of what is free, unless a limit is given.
 DEFAULT_SHARE = 0.5
-MEMINFO = Path("/proc/meminfo")
+MEMINFO, STATUS = Path("/proc/meminfo"), Path("/proc/self/status")
 # Where a container's limit, its use, and what of that is files that the system drops if need be
 # stand: the second and the first version of control groups.
 CGROUPS = (
@@ -91,6 +93,22 @@ def resident_memory() -> int:
     except (OSError, ValueError, IndexError):
         return 0
     return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def peak_resident_memory() -> int:
+    """The most bytes of memory that this process has held.
+
+    Not by getrusage where the system tells better: that counts the process that started this one,
+    as it was when it forked.
+    """
+    try:
+        for line in STATUS.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass
+    unit = 1 if sys.platform == "darwin" else 1024  # Linux counts in KiB
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import mmap
 import os
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -202,3 +204,12 @@ def test_scratch_in_a_folder_that_is_not_there(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "no"))
     with pytest.raises(OutputError, match="scratch space cannot be had in"):
         scratch((3,), False, CPU)
+
+
+def test_peak_is_that_of_this_process_alone() -> None:
+    """Whoever starts a process lends it its own peak for getrusage, but not for this."""
+    code = "from spmm_torch.memory import peak_resident_memory; print(peak_resident_memory())"
+    with mmap.mmap(-1, 2 * GIB) as held:
+        held[:: mmap.PAGESIZE] = b"1" * (2 * GIB // mmap.PAGESIZE)
+        result = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
+    assert 0 < int(result.stdout) < GIB

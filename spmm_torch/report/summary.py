@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import platform
-import resource
-import sys
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -13,6 +11,7 @@ import scipy
 import torch
 
 from ..data import BTF
+from ..memory import peak_resident_memory
 from ..metrics import Totals, psnr_db, snr_db
 from ..model import SPMM
 
@@ -84,8 +83,7 @@ def peak_memory(device: torch.device) -> int:
     """Bytes: of the process on a CPU, of torch's allocations on a GPU."""
     if device.type == "cuda":
         return torch.cuda.max_memory_allocated(device)
-    unit = 1 if sys.platform == "darwin" else 1024  # Linux counts in KiB
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    return peak_resident_memory()
 
 
 def device_name(device: torch.device) -> str:
