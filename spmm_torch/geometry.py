@@ -1,4 +1,4 @@
-"""The conventions page: directions, frames, and how a hemisphere of samples is interpolated.
+"""The conventions page: directions, frames, texels.
 
 * z is the surface normal. `wi` (light) and `wo` (view) are unit and point away from the surface.
 * Angles are radians; degrees appear only in file names and on the command line.
@@ -12,24 +12,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-import numpy as np
 import torch
-from scipy.spatial import ConvexHull, Delaunay, QhullError
 from torch import Tensor
 
 # A normal is kept this far above the horizon: at the horizon itself a lobe lights nothing.
 MAX_TILT = math.radians(85.0)
 # Square of the radius that MAX_TILT has on the equal-area disk: r^2 = 1 - cos(theta).
 MAX_DISK_RADIUS = math.sqrt(1.0 - math.cos(MAX_TILT))
-# Six times the volume of the tetrahedron of a triangle and the origin; smaller ones have no usable
-# inverse in float32.
-MIN_TRIANGLE_VOLUME = 1e-6
-# A query that rounding puts this far out of every cell still belongs to the nearest one.
-EDGE_TOLERANCE = 1e-4
-# Queries that are located at once: each takes 12 bytes for every triangle of the hemisphere.
-QUERY_BLOCK = 1 << 15
 
 UBO2003_RINGS = ((0.0, 1), (15.0, 6), (30.0, 12), (45.0, 18), (60.0, 20), (75.0, 24))
 UBO2014_RINGS = (
@@ -148,107 +138,3 @@ def texel_at(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
     index = rows[..., :, None] * width + columns[..., None, :]  # [..., 2, 2]
     weight = down[..., :, None] * across[..., None, :]
     return index.flatten(-2), weight.flatten(-2)
-
-
-@dataclass(frozen=True)
-class HemisphereInterpolation:
-    """Piecewise linear, continuous interpolation of values at N measured directions.
-
-    Directions are joined by the spherical Delaunay triangulation (the upper side of their convex
-    hull); a query takes the barycentric weights of the plane through its triangle, so measured
-    directions return their own value. A query below the lowest ring is lifted along z to the edge
-    above it. Where neither is possible (fewer than three directions, directions on one side
-    only) the nearest direction counts.
-
-    Attributes:
-        directions: `[N, 3]`.
-        triangles: corner indices `[F, 3]`; the third corner of a lifting cell is unused.
-        inverse: `[F, 3, 3]`, takes a direction to unnormalized barycentric weights.
-        counts: 1 where a corner has a value, 0 where it is -z, `[F, 3]`.
-    """
-
-    directions: Tensor
-    triangles: Tensor
-    inverse: Tensor
-    counts: Tensor
-
-    @classmethod
-    def build(cls, directions: Tensor) -> HemisphereInterpolation:
-        """Triangulates upper unit `directions [N, 3]`."""
-        points = directions.detach().cpu().double()
-        triangles = torch.from_numpy(_triangulate(points.numpy()))  # [F, 3]
-        edges = _lower_boundary(triangles, points)  # [E, 2]
-        down = torch.tensor((0.0, 0.0, -1.0), dtype=torch.float64).expand(len(edges), 1, 3)
-        corners = torch.cat((points[triangles], torch.cat((points[edges], down), dim=1)))
-        cells = torch.cat((triangles, edges[:, [0, 1, 0]]))
-        counts = torch.ones(len(cells), 3, dtype=torch.float64)
-        counts[len(triangles) :, 2] = 0.0
-        usable = torch.linalg.det(corners).abs() > MIN_TRIANGLE_VOLUME
-        return cls(
-            directions.detach(),
-            cells[usable].to(directions.device),
-            torch.linalg.inv(corners[usable].transpose(1, 2)).to(directions),
-            counts[usable].to(directions),
-        )
-
-    def to(self, device: torch.device | str) -> HemisphereInterpolation:
-        """The same interpolation on another device."""
-        parts = (self.directions, self.triangles, self.inverse, self.counts)
-        return HemisphereInterpolation(*(part.to(device) for part in parts))
-
-    def weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
-        """Corners and weights of directions `w [..., 3]`: (index `[..., 3]`, weight `[..., 3]`).
-
-        Weights are not negative and sum to 1.
-        """
-        blocks = [self._weights(block) for block in w.reshape(-1, 3).split(QUERY_BLOCK)]
-        index = torch.cat([block[0] for block in blocks])
-        weight = torch.cat([block[1] for block in blocks])
-        return index.reshape(w.shape), weight.reshape(w.shape)
-
-    def _weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
-        """`weights` of one block of queries `[Q, 3]`."""
-        nearest = (w @ self.directions.to(w.dtype).T).argmax(dim=-1)  # [Q]
-        alone = torch.zeros_like(w)
-        alone[:, 0] = 1.0
-        if not len(self.triangles):
-            return nearest[:, None].expand(-1, 3), alone
-        raw = torch.einsum("fab,qb->qfa", self.inverse.to(w.dtype), w)  # [Q, F, 3]
-        margin, best = raw.amin(dim=-1).max(dim=-1)  # [Q], the cell that holds w
-        chosen = raw[torch.arange(len(w), device=w.device), best]  # [Q, 3]
-        inside = chosen.clamp(min=0.0) * self.counts[best].to(w.dtype)
-        total = inside.sum(dim=-1, keepdim=True)
-        held = ((margin > -EDGE_TOLERANCE) & (total[:, 0] > EDGE_TOLERANCE))[:, None]
-        weight = torch.where(held, inside / total.clamp(min=EDGE_TOLERANCE), alone)
-        return torch.where(held, self.triangles[best], nearest[:, None]), weight
-
-
-def _lower_boundary(triangles: Tensor, points: Tensor) -> Tensor:
-    """Edges `[E, 2]` of just one of `triangles [F, 3]`, with all `points [N, 3]` above them."""
-    edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).sort(dim=1).values
-    unique, count = torch.unique(edges, dim=0, return_counts=True)
-    outer = unique[count == 1]
-    side = torch.linalg.cross(points[outer[:, 0]], points[outer[:, 1]])  # normal of edge's plane
-    return outer[side[:, 2] * (side @ points.mean(dim=0)) > 0.0]
-
-
-def _triangulate(points: np.ndarray) -> np.ndarray:
-    """Triangles `[F, 3]` of the upper side of the hull of unit vectors `[N, 3]`."""
-    if len(points) < 3:
-        return np.empty((0, 3), dtype=np.int64)
-    if len(points) == 3:
-        return np.array([[0, 1, 2]])
-    try:
-        hull = ConvexHull(points)
-    except QhullError:  # all points on one circle, so flat in space
-        return _triangulate_flat(points)
-    return hull.simplices[hull.equations[:, 3] < -MIN_TRIANGLE_VOLUME].astype(np.int64)
-
-
-def _triangulate_flat(points: np.ndarray) -> np.ndarray:
-    """Triangles of directions on one circle, in the plane that holds it; none if they line up."""
-    centred = points - points.mean(axis=0)
-    plane = centred @ np.linalg.svd(centred)[2][:2].T
-    if np.linalg.matrix_rank(plane, tol=1e-9) < 2:
-        return np.empty((0, 3), dtype=np.int64)
-    return Delaunay(plane).simplices.astype(np.int64)

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from .brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
+from .brdf.base import above_horizon
 from .geometry import (
     disk_from_normal,
     frame_from_normal,
@@ -115,27 +116,34 @@ class LobeBatch:
                 kappa = self.kappa.index_select(0, where)
                 normal = self.normal.index_select(0, where)
                 angle = self.angle.index_select(0, where)
-                yield index, _eval_model(model, kappa, normal, angle, part_wi, part_wo)
+                yield index, eval_model(model, kappa, normal, angle, part_wi, part_wo)
 
 
-def _eval_model(
+def eval_model(
     model: int, kappa: Tensor, normal: Tensor, angle: Tensor, wi: Tensor, wo: Tensor
 ) -> Tensor:
-    """rho of lobes of one model; shapes as in `LobeBatch.eval`."""
+    """rho of lobes of one model; kappa `[J, MAX_PARAMETERS]`, others as in `LobeBatch.eval`.
+
+    Fastest where each component of wi and wo is contiguous.
+    """
     rotation = frame_from_normal(normal, angle)  # [J, 3, 3]
-    local_wi, local_wo = _rotate(rotation, wi), _rotate(rotation, wo)
+    local_wi, local_wo = rotate(rotation, wi), rotate(rotation, wo)
     middle = max(wi.ndim, wo.ndim) - 2
     parameters = kappa.view(kappa.shape[0], *(1,) * middle, kappa.shape[1])
     value = REGISTRY[model].eval(parameters, local_wi, local_wo)
-    cosine = local_wi[..., 2].clamp(min=0.0) * (wi[..., 2] > 0.0)
-    return value * cosine * (wo[..., 2] > 0.0)  # Eq. (3)
+    cosine = local_wi[..., 2].clamp(min=0.0) * above_horizon(wi, wo)
+    return value * cosine  # Eq. (3)
 
 
-def _rotate(rotation: Tensor, w: Tensor) -> Tensor:
-    """Local directions `[J, ..., 3]` of `w [1 or J, ..., 3]`, each component contiguous."""
-    flat = w.flatten(1, -2).transpose(1, 2)  # [1 or J, 3, N]
-    local = rotation @ flat  # [J, 3, N]
-    return local.unflatten(2, w.shape[1:-1]).movedim(1, -1)
+def rotate(rotation: Tensor, w: Tensor) -> Tensor:
+    """Local directions `[J, ..., 3]` of `w [1 or J, ..., 3]`, each component contiguous.
+
+    Written out: products of 3 x 3 matrices are too small to be left to a matrix library.
+    """
+    x, y, z = w.movedim(-1, 0).contiguous()  # [1 or J, ...] each
+    r = rotation.view(-1, *(1,) * x[0].ndim, 3, 3)  # [J, ..., 3, 3]
+    rows = [r[..., i, 0] * x + r[..., i, 1] * y + r[..., i, 2] * z for i in range(3)]
+    return torch.stack(rows).movedim(0, -1)
 
 
 def anisotropic_mask(model: Tensor) -> Tensor:
@@ -207,50 +215,3 @@ class Feasible:
         high = self.high[model].to(coordinates)
         unit = torch.minimum(torch.maximum(coordinates[:, 3:], low), high)
         return torch.cat((project_disk(coordinates[:, :2]), coordinates[:, 2:3], unit), dim=1)
-
-
-def eval_with_jacobian(
-    model: Tensor, coordinates: Tensor, wi: Tensor, wo: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Lobes and their slopes by forward-mode differentiation.
-
-    Args:
-        model: `[J]` on the CPU.
-        coordinates: search coordinates `[J, COORDINATES]`.
-        wi, wo: `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
-
-    Returns:
-        rho `[J, ...]` and d rho / d coordinates `[J, COORDINATES, ...]`; columns that a model
-        does not have are zero.
-    """
-    shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
-    rho = coordinates.new_zeros(len(model), *shape)
-    slope = coordinates.new_zeros(len(model), COORDINATES, *shape)
-    budget = CUDA_BLOCK if wi.is_cuda else CPU_BLOCK
-    size = max(1, budget // max(1, COORDINATES * shape.numel()))
-    for index in torch.unique(model).tolist():
-        brdf = REGISTRY[index]
-        columns = [0, 1] + [2] * brdf.anisotropic + list(range(3, 3 + len(brdf.parameters)))
-        where = torch.tensor(columns, device=wi.device)
-        for block in torch.nonzero(model == index).squeeze(-1).split(size):
-            rows = block.to(wi.device)
-            value, part = _jacobian_block(model[block], coordinates[rows], where, wi, wo)
-            rho[rows] = value
-            slope[rows[:, None], where] = part.transpose(0, 1)
-    return rho, slope
-
-
-def _jacobian_block(
-    model: Tensor, coordinates: Tensor, columns: Tensor, wi: Tensor, wo: Tensor
-) -> tuple[Tensor, Tensor]:
-    """(rho `[J, ...]`, slopes `[len(columns), J, ...]`) of lobes of one model."""
-    unit = torch.eye(COORDINATES, dtype=coordinates.dtype, device=coordinates.device)[columns]
-    tangents = unit[:, None].expand(-1, *coordinates.shape)
-
-    def lobes(x: Tensor) -> Tensor:
-        return decode(model, x).eval(wi, wo)
-
-    def along(tangent: Tensor) -> tuple[Tensor, Tensor]:
-        return torch.func.jvp(lobes, (coordinates,), (tangent,))
-
-    return torch.func.vmap(along, out_dims=(None, 0))(tangents)

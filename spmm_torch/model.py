@@ -9,16 +9,20 @@ from pathlib import Path
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import embedding_bag
 
 from . import sampling, store
 from .brdf import MODEL_NAMES
 from .errors import OutputError
 from .geometry import texel_at
 from .lobe import LobeBatch
+from .lobe_pairs import eval_pairs
+from .order import ranges
 from .residual import Residual
+from .texel_blocks import TexelBlocks, blocks_met
 
-# (query, lobe) entries that are evaluated at once: a few hundred MB with their gradients.
-BLOCK_ENTRIES = 1 << 21
+# (query, lobe) entries that are evaluated at once: some MB, which stay in the caches of a CPU.
+BLOCK_ENTRIES = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -184,13 +188,18 @@ class SPMM(nn.Module):
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         texel, share = texel_at(uv, self.height, self.width)  # [Q, 4]
-        longest = max(1, int(self.lobe_count_per_texel().max()))
-        size = max(1, BLOCK_ENTRIES // (4 * longest))
+        block, corners = blocks_met(texel, self.texel_count)
+        counts = torch.ones_like(corners, dtype=torch.bool)
+        if not share.requires_grad:  # the slope along uv needs neighbours of no share too
+            counts = share.new_zeros(corners.shape).index_add(0, block, share) > 0.0
+        weight = self.weight.to(torch.promote_types(self.weight.dtype, wi.dtype))
+        blocks = TexelBlocks.build(corners, counts, self.offset, self.index, weight)
+        total = max(1, int(blocks.count[block].sum()))
+        size = max(1, len(texel) * BLOCK_ENTRIES // total)
+        queries = (block, share, wi, wo)
         parts = [
-            self._forward_block(*block, residual)
-            for block in zip(
-                texel.split(size), share.split(size), wi.split(size), wo.split(size), strict=True
-            )
+            self._forward_block(blocks, *part, residual)
+            for part in zip(*(x.split(size) for x in queries), strict=True)
         ]
         return torch.cat(parts).view(*shape, self.weight.shape[1])
 
@@ -239,32 +248,28 @@ class SPMM(nn.Module):
         return kept
 
     def _forward_block(
-        self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor, residual: bool
+        self,
+        blocks: TexelBlocks,
+        block: Tensor,
+        share: Tensor,
+        wi: Tensor,
+        wo: Tensor,
+        residual: bool,
     ) -> Tensor:
-        """`forward` of Q queries: texel and share `[Q, 4]`, wi and wo `[Q, 3]`."""
-        query, entry = self._entries(texel, share)
-        lobe = self.index[entry]
-        q = torch.div(query, 4, rounding_mode="floor")
-        rho = self.dictionary[lobe].eval(wi[q][:, None], wo[q][:, None]).squeeze(1)  # [N]
-        value = self.weight[entry] * (rho * share.flatten()[query])[:, None]  # [N, C]
-        total = value.new_zeros(len(wi), value.shape[1]).index_add(0, q, value)
+        """`forward` of Q queries: block `[Q]`, share `[Q, 4]`, wi and wo `[Q, 3]`."""
+        start, count = (x.index_select(0, block) for x in (blocks.start, blocks.count))
+        query, entry = ranges(start, count)  # [N]
+        lobe = blocks.lobe.index_select(0, entry)
+        rho = eval_pairs(self.dictionary, lobe, query, wi, wo)
+        table = blocks.weight.flatten(1)  # [M, 4 C]
+        first = count.cumsum(0) - count
+        rho = rho.to(table.dtype)
+        sums = embedding_bag(entry, table, first, mode="sum", per_sample_weights=rho)  # [Q, 4 C]
+        total = (sums.unflatten(1, (4, -1)) * share[..., None]).sum(dim=1)  # Eq. (2)
         if residual:
-            for corner in range(4):
-                epsilon = self.residual(self.labels[texel[:, corner]], wi, wo)
-                total = total + share[:, corner, None] * epsilon
+            cluster = self.labels[blocks.texel[block]]
+            total = total + self.residual.blend(cluster, share, wi, wo)
         return total
-
-    def _entries(self, texel: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
-        """(position in `texel`, entry) of every lobe that a query meets, both `[N]`."""
-        flat = texel.flatten()
-        start = self.offset[flat]
-        count = self.offset[flat + 1] - start
-        if not share.requires_grad:  # the slope along uv needs neighbours of no share too
-            count = count * (share.flatten() != 0.0)
-        query = torch.repeat_interleave(count)
-        first = torch.cumsum(count, 0) - count
-        within = torch.arange(len(query), device=query.device) - first[query]
-        return query, start[query] + within
 
     def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
         """Every texel under one light and view `[3]`: `[H, W, C]`, row 0 at the top."""

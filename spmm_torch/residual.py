@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from .geometry import HemisphereInterpolation
+from .hemisphere import HemisphereInterpolation
 
 FLOAT16_MAX = 65504.0  # largest finite half
 # Measured lights may lie on the horizon itself, where a cosine of 0 has no ratio to 0.
@@ -39,18 +39,55 @@ class Residual(nn.Module):
         Measured pairs return their stored value. Lights below the lowest measured ring fade with
         their cosine; 0 where wi or wo is under the horizon.
         """
-        light, light_weight = self.light_mesh.to(wi.device).weights(wi)  # [..., 3]
-        view, view_weight = self.view_mesh.to(wo.device).weights(wo)  # [..., 3]
-        corners = self.code[cluster[..., None, None], view[..., :, None], light[..., None, :]].to(
-            wi.dtype
-        )  # [..., 3, 3, C]
-        value = torch.einsum("...v,...l,...vlc->...c", view_weight, light_weight, corners)
-        fade = (wi[..., 2] / self.lowest_light).clamp(max=1.0) * (wi[..., 2] > 0.0)
-        return value * (self.scale.to(wi.dtype)[cluster] * fade * (wo[..., 2] > 0.0))[..., None]
+        shape = torch.broadcast_shapes(cluster.shape, wi.shape[:-1], wo.shape[:-1])
+        wi, wo = (x.expand(*shape, 3).reshape(-1, 3) for x in (wi, wo))
+        cluster = cluster.expand(shape).reshape(-1, 1)
+        value = self.blend(cluster, torch.ones_like(cluster, dtype=wi.dtype), wi, wo)
+        return value.view(*shape, -1)
+
+    def blend(self, cluster: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Mixed residuals `[Q, C]`: of clusters `[Q, M]` by their shares `[Q, M]`; see `forward`.
+
+        Clusters that a query names more than once are looked up once.
+        """
+        pair, weight = self._pairs(wi, wo)  # [Q, 9]
+        query, column, part = _merged(cluster, share)  # [E]
+        cluster = cluster[query, column]
+        table = self.code.flatten(1, 2)  # [K, V L, C]
+        row = cluster[:, None] * table.shape[1] + pair.index_select(0, query)  # [E, 9]
+        code = table.flatten(0, 1).index_select(0, row.flatten()).view(*row.shape, -1)
+        part = part * self.scale.to(wi.dtype)[cluster]
+        mixed = weight.index_select(0, query) * part[:, None]
+        value = (code.to(wi.dtype) * mixed[..., None]).sum(dim=1)  # [E, C]
+        return value.new_zeros(len(wi), value.shape[1]).index_add(0, query, value)
+
+    def _pairs(self, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+        """Measured pairs `[Q, 9]`, as view * L + light, and their weights `[Q, 9]`."""
+        light, light_weight = self.light_mesh.to(wi.device).weights(wi)  # [Q, 3]
+        view, view_weight = self.view_mesh.to(wo.device).weights(wo)  # [Q, 3]
+        fade = (wi[:, 2:] / self.lowest_light).clamp(0.0, 1.0) * (wo[:, 2:] > 0.0)
+        pair = view[:, :, None] * self.code.shape[2] + light[:, None, :]
+        weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]
+        return pair.flatten(1), weight.flatten(1)
 
     def at_pair(self, view: int, light: int) -> Tensor:
         """The stored values `[K, C]` of one measured pair."""
         return self.code[:, view, light].to(self.scale.dtype) * self.scale[:, None]
+
+
+def _merged(cluster: Tensor, share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """(query `[E]`, column `[E]`, share `[E]`) of clusters `[Q, M]`, each of a query once.
+
+    A column takes over the shares of later ones with the same cluster; what has no share is left
+    out, unless its slope is asked for.
+    """
+    same = cluster[:, :, None] == cluster[:, None, :]  # [Q, M, M]
+    whole = (same * share[:, None, :]).sum(dim=2)  # [Q, M]
+    counts = ~same.tril(-1).any(dim=2)  # no earlier column has the same
+    if not share.requires_grad:
+        counts = counts & (whole != 0.0)
+    query, column = torch.nonzero(counts, as_tuple=True)
+    return query, column, whole[query, column]
 
 
 def encode_residual(values: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:

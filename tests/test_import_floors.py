@@ -16,14 +16,15 @@ SOURCES = {"spmm_torch": "spmm_torch", "cli": "spmm_torch.cli", "viz": "spmm_tor
 # of lower floors and itself, so units of one floor do not know each other. "__init__" is
 # spmm_torch/__init__.py, which re-exports what lies below it.
 FLOORS: tuple[frozenset[str], ...] = (
-    frozenset({"errors"}),
+    frozenset({"errors", "order"}),
     frozenset({"schema"}),
     frozenset({"config", "progress", "stopwatch", "metrics", "memory", "ranks", "device"}),
     frozenset({"geometry", "warp"}),
+    frozenset({"hemisphere"}),
     frozenset({"data", "brdf", "solvers", "store"}),
     frozenset({"checkpoint"}),
     frozenset({"lobe"}),
-    frozenset({"lobe_sampling"}),
+    frozenset({"lobe_sampling", "lobe_pairs", "lobe_jacobian", "texel_blocks"}),
     frozenset({"sampling", "residual"}),
     frozenset({"model"}),
     frozenset({"__init__"}),

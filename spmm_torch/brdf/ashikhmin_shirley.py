@@ -8,7 +8,14 @@ import torch
 from torch import Tensor
 
 from ..warp import square_to_ashikhmin_shirley, square_to_ashikhmin_shirley_pdf
-from .base import Parameter, above_horizon, guarded_cosines, half_vector, schlick_fresnel
+from .base import (
+    Parameter,
+    above_horizon,
+    exp_of_negative,
+    guarded_cosines,
+    half_vector,
+    schlick_fresnel,
+)
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 # Squared sine of the half vector under which its azimuth does not matter.
@@ -48,7 +55,7 @@ class AshikhminShirley:
         # log(n.h) / sin^2(theta_h) is finite at the pole, where the azimuth is not defined.
         log_cos_theta_h = -0.5 * torch.log1p(h.planar_squared / (h.z * h.z))
         exponent = (n_x * h.x_squared + n_y * h.y_squared) / h.planar_squared.clamp(min=PLANAR_EPS)
-        lobe = torch.exp(exponent * log_cos_theta_h)
+        lobe = exp_of_negative(exponent * log_cos_theta_h)
         cos_theta_d = h.cos_theta_d
         scale = torch.sqrt((n_x + 1.0) * (n_y + 1.0)) / (8.0 * math.pi)
         facing = cos_theta_d * torch.maximum(cos_theta_i, cos_theta_o)

@@ -14,6 +14,8 @@ INV_PI = 1.0 / math.pi
 # Cosines are kept from zero in denominators: 0.06 degrees above the horizon no gonioreflectometer
 # measures any more, and powers of 1/cos stay far from overflow in float32.
 COS_EPS = 1e-3
+# exp of it is a normal float32 with room for the factors of a lobe.
+LEAST_EXPONENT = -80.0
 
 
 @dataclass(frozen=True)
@@ -108,8 +110,19 @@ def half_vector(wi: Tensor, wo: Tensor) -> HalfVector:
 
 
 def above_horizon(wi: Tensor, wo: Tensor) -> Tensor:
-    """True where both local directions `[..., 3]` are above the horizon."""
-    return (wi[..., 2] > 0.0) & (wo[..., 2] > 0.0)
+    """1 where both directions `[..., 3]` are above the horizon, else 0, in their own type.
+
+    By arithmetic: on a CPU, comparing and multiplying by bools takes four times as long.
+    """
+    return (wi[..., 2].clamp(0.0, 1.0) * wo[..., 2].clamp(0.0, 1.0)).ceil()
+
+
+def exp_of_negative(exponent: Tensor) -> Tensor:
+    """exp of `exponent [...]` <= 0, never below what a normal float32 holds.
+
+    Below it nothing is lost, but the exponential takes ten times as long on a CPU.
+    """
+    return torch.exp(exponent.clamp(min=LEAST_EXPONENT))
 
 
 def guarded_cosines(wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..warp import square_to_power_cosine, square_to_power_cosine_pdf
-from .base import Parameter, above_horizon, half_vector
+from .base import Parameter, above_horizon, exp_of_negative, half_vector
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
@@ -38,7 +38,7 @@ class BlinnPhong:
         h = half_vector(wi, wo)
         log_cos_theta_h = -0.5 * torch.log1p(h.planar_squared / (h.z * h.z))
         scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (torch.exp2(-0.5 * n) + n))
-        return scale * torch.exp(n * log_cos_theta_h) * above_horizon(wi, wo)
+        return scale * exp_of_negative(n * log_cos_theta_h) * above_horizon(wi, wo)
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By visible half vectors spread as (n . h)^(n + 1); see `BRDF.sample`."""

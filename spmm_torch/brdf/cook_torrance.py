@@ -10,6 +10,7 @@ from .base import (
     INV_PI,
     Parameter,
     above_horizon,
+    exp_of_negative,
     guarded_cosines,
     half_vector,
     schlick_fresnel,
@@ -46,7 +47,7 @@ class CookTorrance:
         z_squared = h.z * h.z
         tan_squared = h.planar_squared / z_squared
         sec_squared = h.length_squared / z_squared
-        beckmann = torch.exp(-tan_squared / alpha_squared) * sec_squared * sec_squared
+        beckmann = exp_of_negative(-tan_squared / alpha_squared) * sec_squared * sec_squared
         # With h unnormalized, 2 (n.h)(n.w) / (w.h) is 4 z (n.w) / |wi + wo|^2.
         groove = 4.0 * h.z / h.length_squared * torch.minimum(cos_theta_i, cos_theta_o)
         fresnel = schlick_fresnel(kappa[..., 1], h.cos_theta_d)

@@ -10,7 +10,7 @@ from torch.nn.functional import normalize
 
 from ..geometry import frame_from_normal
 from ..warp import square_to_power_cosine, square_to_power_cosine_pdf
-from .base import Parameter, above_horizon
+from .base import Parameter, above_horizon, exp_of_negative
 
 # The lobe's base is raised to a power through its logarithm, so it is kept above zero.
 BASE_EPS = 1e-6
@@ -46,8 +46,8 @@ class Lafortune:
         c_xy, n = kappa[..., 0], kappa[..., 1]
         planar = wi[..., 0] * wo[..., 0] + wi[..., 1] * wo[..., 1]
         base = (c_xy * planar + wi[..., 2] * wo[..., 2]) / c_xy.abs().clamp(min=1.0)
-        lobe = torch.exp(n * torch.log(base.clamp(min=BASE_EPS)))
-        lit = above_horizon(wi, wo) & (base > BASE_EPS)
+        lobe = exp_of_negative(n * torch.log(base.clamp(min=BASE_EPS)))
+        lit = above_horizon(wi, wo) * (base - BASE_EPS).sign().clamp(min=0.0)
         return (n + 2.0) / (2.0 * math.pi) * lobe * lit
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

@@ -21,7 +21,7 @@ class Lambertian:
         """f_r in 1/sr; see `BRDF.eval`."""
         lit = above_horizon(wi, wo)
         shape = torch.broadcast_shapes(kappa.shape[:-1], lit.shape)
-        return (INV_PI * lit.to(wi.dtype)).expand(shape)
+        return (INV_PI * lit).expand(shape)
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By the cosine; see `BRDF.sample`."""

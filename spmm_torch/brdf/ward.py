@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-import torch
 from torch import Tensor
 
 from ..warp import square_to_beckmann, square_to_beckmann_pdf
-from .base import Parameter, above_horizon, guarded_cosines, half_vector
+from .base import Parameter, above_horizon, exp_of_negative, guarded_cosines, half_vector
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
@@ -48,7 +47,7 @@ class Ward:
         else:
             foreshortening_i, foreshortening_o = cos_theta_i.rsqrt(), cos_theta_o.rsqrt()
         scale = foreshortening_o / (4.0 * math.pi * alpha_x * alpha_y)
-        return torch.exp(-slope) * scale * foreshortening_i * above_horizon(wi, wo)
+        return exp_of_negative(-slope) * scale * foreshortening_i * above_horizon(wi, wo)
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By visible half vectors of Gaussian slopes [Walter 2005]; see `BRDF.sample`."""

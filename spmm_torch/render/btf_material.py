@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..geometry import HemisphereInterpolation, texel_at
+from ..geometry import texel_at
+from ..hemisphere import HemisphereInterpolation
 from ..memory import slices
 from ..residual import LOWEST_COSINE
 

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from ..geometry import angular_spacing
-from ..lobe import LobeBatch, decode, eval_with_jacobian
+from ..lobe import LobeBatch, decode
+from ..lobe_jacobian import eval_with_jacobian
 
 # A lobe that correlates more than this with one that a search already has is that one.
 SAME_LOBE = 0.999

@@ -8,12 +8,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch.geometry import (
-    UBO2014_RINGS,
-    HemisphereInterpolation,
-    direction_from_angles,
-    ring_directions,
-)
+from spmm_torch.geometry import UBO2014_RINGS, direction_from_angles, ring_directions
+from spmm_torch.hemisphere import HemisphereInterpolation
 
 
 def vector(*values: float) -> Tensor:

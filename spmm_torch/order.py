@@ -1,0 +1,38 @@
+"""Stable order of small whole numbers: a counting sort where it pays."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+# NumPy sorts numbers of 16 bits by counting, ten times faster on one core than torch on two.
+COUNTED = 1 << 16
+
+
+def stable_order(key: Tensor, count: int) -> Tensor:
+    """Positions `[N]` that sort `key [N]`, equal ones in their order.
+
+    Args:
+        key: whole numbers from 0 to count - 1.
+        count: how many values there are.
+    """
+    if key.is_cuda or count > COUNTED:
+        return torch.argsort(key, stable=True)
+    return torch.from_numpy(np.argsort(key.numpy().astype(np.uint16), kind="stable"))
+
+
+def run_starts(*keys: Tensor) -> Tensor:
+    """True `[N]` where a run of equal entries begins, in all of `keys [N]` together."""
+    new = torch.ones_like(keys[0], dtype=torch.bool)
+    new[1:] = keys[0][1:] != keys[0][:-1]
+    for key in keys[1:]:
+        new[1:] |= key[1:] != key[:-1]
+    return new
+
+
+def ranges(start: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
+    """(owner `[N]`, number `[N]`) of all numbers start[i] to start[i] + count[i] - 1, in order."""
+    owner = torch.repeat_interleave(count)
+    shift = start - (count.cumsum(0) - count)
+    return owner, torch.arange(len(owner), device=owner.device) + shift.index_select(0, owner)
