@@ -55,7 +55,7 @@ class Residual(nn.Module):
         cluster = cluster[query, column]
         table = self.code.flatten(1, 2)  # [K, V L, C]
         row = cluster[:, None] * table.shape[1] + pair.index_select(0, query)  # [E, 9]
-        code = table.flatten(0, 1).index_select(0, row.flatten()).view(*row.shape, -1)
+        code = table.flatten(0, 1).index_select(0, row.flatten()).unflatten(0, row.shape)
         part = part * self.scale.to(wi.dtype)[cluster]
         mixed = weight.index_select(0, query) * part[:, None]
         value = (code.to(wi.dtype) * mixed[..., None]).sum(dim=1)  # [E, C]

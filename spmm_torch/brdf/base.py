@@ -14,8 +14,8 @@ INV_PI = 1.0 / math.pi
 # Cosines are kept from zero in denominators: 0.06 degrees above the horizon no gonioreflectometer
 # measures any more, and powers of 1/cos stay far from overflow in float32.
 COS_EPS = 1e-3
-# exp of it is a normal float32 with room for the factors of a lobe.
-LEAST_EXPONENT = -80.0
+# Leaves room for the factors of a lobe above the smallest normal number.
+EXPONENT_MARGIN = 7.0
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,12 @@ def above_horizon(wi: Tensor, wo: Tensor) -> Tensor:
 
 
 def exp_of_negative(exponent: Tensor) -> Tensor:
-    """exp of `exponent [...]` <= 0, never below what a normal float32 holds.
+    """exp of `exponent [...]` <= 0, kept above the smallest normal number of its type.
 
-    Below it nothing is lost, but the exponential takes ten times as long on a CPU.
+    Nothing is lost below it, but there a CPU takes ten times as long.
     """
-    return torch.exp(exponent.clamp(min=LEAST_EXPONENT))
+    least = math.log(torch.finfo(exponent.dtype).tiny) + EXPONENT_MARGIN
+    return torch.exp(exponent.clamp(min=least))
 
 
 def guarded_cosines(wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
