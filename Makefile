@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 RUN := runs/demo
+# One process a core with one thread each: most tests are too small to share among threads.
+PYTEST := OMP_NUM_THREADS=1 $(PY) -m pytest --numprocesses auto --dist worksteal
 DEPENDENCIES := setup.cfg pyproject.toml constraints.txt
 
 .PHONY: help demo test test-slow lint clean
@@ -37,10 +39,10 @@ demo: $(VENV)/installed
 	@echo "The report lies in $(RUN)/report.html"
 
 test: $(VENV)/installed-test
-	$(PY) -m pytest -m "not slow and not gpu"
+	$(PYTEST) -m "not slow and not gpu"
 
 test-slow: $(VENV)/installed-test
-	$(PY) -m pytest -m "slow and not gpu"
+	$(PYTEST) -m "slow and not gpu"
 
 lint: $(VENV)/installed-test
 	$(VENV)/bin/ruff check .
