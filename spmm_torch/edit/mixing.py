@@ -54,7 +54,7 @@ def blend(first: SPMM, second: SPMM, amount: float, where: Selection | None = No
 
 
 @torch.no_grad()
-def copy_look(model: SPMM, source: Rectangle, where: Selection) -> SPMM:
+def copy_look(model: SPMM, source: Rectangle, where: Selection | None = None) -> SPMM:
     """Gives the selected texels the look of a region, which is repeated over them as tiles.
 
     The region's top left corner comes to that of the selection. Soft shares blend; lobes and the
@@ -62,7 +62,7 @@ def copy_look(model: SPMM, source: Rectangle, where: Selection) -> SPMM:
 
     Args:
         source: the region.
-        where: what is overwritten.
+        where: what is overwritten; None for the whole texture.
 
     Raises:
         ConfigError: the region reaches out of the texture, or a selection by properties of lobes.
