@@ -10,17 +10,17 @@ all of them for undo is too. Angles are radians.
 from .colour import change_colours, change_table, linear_change
 from .edit_options import EDITS
 from .groups import GROUPS, lobe_group
-from .hue_saturation import change_matrix, hue_saturation
-from .intensity import intensity
 from .mask_options import MASKS
 from .masks import cluster_selection, colour_selection, lobe_selection, picture_selection
 from .mixing import blend, copy_look, rearranged
 from .normals import rotate_tangent, spread_normals
 from .parameters import replace_model, set_parameter
+from .recolour import hue_saturation
 from .regions import Rectangle, Stripes
 from .residual import residual_strength
 from .script import Script, Step
 from .selection import Selection, select_lobes, select_texels
+from .weights import intensity
 from .widths import scale_width, widths
 
 __all__ = [
@@ -34,7 +34,6 @@ __all__ = [
     "Stripes",
     "blend",
     "change_colours",
-    "change_matrix",
     "change_table",
     "cluster_selection",
     "colour_selection",

@@ -16,14 +16,14 @@ from ..model import SPMM
 from ..schema import REQUIRED, setting
 from .colour import MAX_SATURATION
 from .groups import GROUPS
-from .hue_saturation import FITS, hue_saturation
-from .intensity import intensity
 from .mixing import blend, copy_look
 from .normals import rotate_tangent, spread_normals
 from .parameters import replace_model, set_parameter
+from .recolour import FITS, hue_saturation
 from .regions import Rectangle
 from .residual import residual_strength
 from .selection import Selection
+from .weights import intensity
 from .widths import scale_width
 
 # Ranges that sliders span; functions take more.
