@@ -142,8 +142,12 @@ def lobe_intensity(lobes: LobeBatch, table: LobeTable, samples: int = INTENSITY_
 
     The integrand is rho_j of Eq. 3, what is sampled for, rather than f_j: the cosine keeps grazing
     light from ruling the average. Found by sampling the lobes with a fixed Sobol sequence.
+
+    Args:
+        samples: directions of each lobe; a power of two fills space most evenly.
     """
-    points = torch.quasirandom.SobolEngine(5).draw(samples).to(table.kappa)
+    # The points are the lower corners of their cells: half a cell further they are the middles.
+    points = torch.quasirandom.SobolEngine(5).draw(samples).to(table.kappa) + 0.5 / samples
     wo, u = square_to_uniform_hemisphere(points[:, :2]), points[:, 2:]
     parts = []
     for rows in torch.arange(len(lobes)).split(max(1, BLOCK // samples)):

@@ -50,6 +50,7 @@ def _hsv(rgb: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     return h, s, value
 
 
+@lru_cache
 def unit_colours(count: int = UNIT_COLOURS) -> Tensor:
     """Unit vectors `[count, 3]` float64, even over the positive octant of RGB."""
     generator = torch.Generator().manual_seed(COLOUR_SEED)

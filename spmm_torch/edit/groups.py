@@ -22,12 +22,15 @@ def lobe_group(model: SPMM, group: str, width: float = SPECULAR_WIDTH) -> Tensor
             half vector).
 
     Raises:
-        ConfigError: unknown group, or no lobe of the model belongs to it.
+        ConfigError: unknown group, a width that is not positive, or no lobe of the model belongs
+            to it.
     """
     if group not in GROUPS:
         raise ConfigError(f"the group of lobes is {group!r}; expected one of {', '.join(GROUPS)}.")
     if group == "all":
         return None
+    if not width > 0.0:
+        raise ConfigError(f"the specular threshold is {width:g}; expected a positive width in rad.")
     specular = specular_mask(model.dictionary, width)
     chosen = specular if group == "specular" else ~specular
     if not bool(chosen.any()):

@@ -8,21 +8,21 @@ import torch
 from torch import Tensor
 
 from ..model import SPMM
-from ..warp import square_to_cosine_hemisphere, square_to_uniform_hemisphere
 from .selection import Selection
 
-SAMPLES = 4096
+# Texels that are looked at, and measured pairs of directions that they share.
+SAMPLES, PAIRS = 2048, 128
 SEED = 0
 
 
 @dataclass(frozen=True)
 class Look:
-    """What random texels show, each under one light and one view.
+    """What random texels show, each under one measured light and view.
 
     Attributes:
         colour: `[n, C]`, none below 0. Brighter ones are longer, so least squares heeds them more,
             as it does in a picture.
-        reflection: mean of rho of each lobe, `[J]`; of all lobes where none of it was met.
+        reflection: mean of rho of each lobe over the pairs, `[J]`.
     """
 
     colour: Tensor
@@ -37,23 +37,34 @@ def sample_look(model: SPMM, where: Selection | None = None, lobes: Tensor | Non
         lobes: `[J]` bool, only these lobes, without residual; None for all.
     """
     generator = torch.Generator().manual_seed(SEED)
+    light = torch.randint(len(model.light), (PAIRS,), generator=generator)
+    seen = model.view[:, 2].cpu().clamp(min=0.0)
+    view = torch.multinomial(seen, PAIRS, replacement=True, generator=generator)
     texel = _chosen(model, where, generator)  # [n]
-    u = torch.rand(2, len(texel), 2, generator=generator).to(model.weight)
-    wi, wo = square_to_uniform_hemisphere(u[0]), square_to_cosine_hemisphere(u[1])
+    pair = torch.arange(len(texel), device=texel.device) % PAIRS
+    rho = _reflected(model, light, view)  # [J, P]
     count = model.lobe_count_per_texel()[texel]
     row = torch.repeat_interleave(count)  # [E]
     within = torch.arange(len(row), device=row.device) - (count.cumsum(0) - count)[row]
     entry = model.offset[texel][row] + within
-    lobe, share = model.index[entry], None if where is None else where.entries[entry]
-    rho = model.dictionary.detach()[lobe].eval(wi[row, None], wo[row, None])[:, 0]  # [E]
-    shown = rho if lobes is None else rho * lobes[lobe]
-    shown = shown if share is None else shown * share
+    lobe = model.index[entry]
+    shown = rho[lobe, pair[row]]
+    shown = shown if lobes is None else shown * lobes[lobe]
+    shown = shown if where is None else shown * where.entries[entry]
     value = model.weight[entry] * shown[:, None]  # [E, C]
     colour = value.new_zeros(len(texel), value.shape[1]).index_add(0, row, value)
     if lobes is None and (where is None or where.texels is not None):
-        epsilon = model.residual(model.labels[texel], wi, wo)
+        cluster = model.labels[texel]
+        code = model.residual.code[cluster, view.to(cluster)[pair], light.to(cluster)[pair]]
+        epsilon = code.to(colour) * model.residual.scale[cluster, None]
         colour = colour + (epsilon if where is None else epsilon * where.texels[texel, None])
-    return Look(colour.clamp(min=0.0), _means(rho, lobe, len(model.lobe_model)))
+    return Look(colour.clamp(min=0.0), rho.mean(1))
+
+
+def _reflected(model: SPMM, light: Tensor, view: Tensor) -> Tensor:
+    """rho of all lobes under pairs of measured directions, by indices `[P]`: `[J, P]`."""
+    wi, wo = model.light[light.to(model.light.device)], model.view[view.to(model.view.device)]
+    return model.dictionary.detach().eval(wi[None], wo[None])
 
 
 def _chosen(model: SPMM, where: Selection | None, generator: torch.Generator) -> Tensor:
@@ -66,12 +77,3 @@ def _chosen(model: SPMM, where: Selection | None, generator: torch.Generator) ->
     number = SAMPLES if len(candidates) else 0
     order = torch.randint(max(1, len(candidates)), (number,), generator=generator)
     return candidates[order].to(model.offset.device)
-
-
-def _means(values: Tensor, group: Tensor, groups: int) -> Tensor:
-    """The mean of values `[E]` in each group, `[groups]`; that of all in groups without any."""
-    zero = values.new_zeros(groups)
-    total = zero.index_add(0, group, values)
-    count = zero.index_add(0, group, torch.ones_like(values))
-    overall = values.sum() / max(1, len(values))
-    return torch.where(count > 0.0, total / count.clamp(min=1.0), overall)

@@ -33,11 +33,6 @@ def with_parts(
     )
 
 
-def with_weight(model: SPMM, weight: Tensor) -> SPMM:
-    """The model with other weights `[N, C]` of the same entries."""
-    return with_parts(model, weights=SparseWeights(model.offset, model.index, weight))
-
-
 def entry_texels(model: SPMM) -> Tensor:
     """The texel of each entry, `[N]`."""
     return torch.repeat_interleave(model.lobe_count_per_texel())

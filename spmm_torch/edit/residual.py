@@ -78,12 +78,12 @@ def mapped(model: SPMM, matrix: Tensor, texels: Tensor | None) -> tuple[Tensor, 
         texels: share of each texel `[T]`; None for all.
     """
     residual = model.residual
+    code, scale = residual.code.detach(), residual.scale
     if texels is None:
-        share = torch.ones_like(residual.scale)
-        groups = Groups(model.labels, torch.arange(len(share), device=share.device), share)
-    else:
-        groups = grouped(model.labels, texels)
-    code, scale = residual.code.detach()[groups.cluster], residual.scale[groups.cluster]
+        values = decode_residual(code, scale) @ matrix.to(scale).T
+        return model.labels, residual.with_codes(*encode_residual(values, code.dtype))
+    groups = grouped(model.labels, texels)
+    code, scale = code[groups.cluster], scale[groups.cluster]
     edited = torch.nonzero(groups.share > 0.0).squeeze(-1)
     values = decode_residual(code[edited], scale[edited])  # [E, V, L, C]
     share = groups.share[edited].view(-1, 1, 1, 1).to(values)
