@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from importlib import resources
-from pathlib import Path
 from typing import NoReturn
 
 from spmm_torch.device import full_precision, resolve_device
 from spmm_torch.edit import EDITS, MASKS, Script
-from spmm_torch.edit.mask_options import nearest
+from spmm_torch.edit.examples import packaged, script_path
 from spmm_torch.edited_run import edit_run
 from spmm_torch.errors import ConfigError, SPMMError
 from spmm_torch.schema import describe
@@ -56,30 +54,6 @@ def parser() -> argparse.ArgumentParser:
     add("-o", "--output", required=True, metavar="RUN2", help="folder to make")
     add("--device", default="auto", help="auto, cpu, cuda or cuda:N")
     return result
-
-
-def script_path(name: str) -> Path:
-    """The script file of a path, or of the name of a packaged one, with or without `.yaml`.
-
-    Raises:
-        ConfigError: neither exists.
-    """
-    if Path(name).is_file():
-        return Path(name)
-    known = packaged()
-    found = known.get(name.removesuffix(".yaml"))
-    if found is None:
-        raise ConfigError(
-            f"edit script {name} does not exist; expected a file or the name of an example; "
-            f"{nearest(name, tuple(known))}"
-        )
-    return found
-
-
-def packaged() -> dict[str, Path]:
-    """The example scripts by their names: those of the paper's figures."""
-    folder = Path(str(resources.files("spmm_torch.configs"))) / "edits"
-    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def _epilog() -> str:

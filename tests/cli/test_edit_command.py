@@ -11,9 +11,9 @@ import torch
 from PIL import Image
 
 from spmm_torch import SPMM
-from spmm_torch.cli.edit import packaged
 from spmm_torch.cli.main import main
 from spmm_torch.edit import Script, intensity
+from spmm_torch.edit.examples import packaged
 from spmm_torch.edited_run import EDITS, MASKS
 from spmm_torch.report import REPORT_KEYS, check_report
 from spmm_torch.run_folder import CONFIG, REPORT_PAGE
