@@ -165,8 +165,8 @@ class CopyLook:
 
     x: int = setting(REQUIRED, "the leftmost column to copy from", low=0)
     y: int = setting(REQUIRED, "the topmost row to copy from", low=0)
-    width: int = setting(REQUIRED, "columns", low=1)
-    height: int = setting(REQUIRED, "rows", low=1)
+    width: int = setting(REQUIRED, "number of columns", low=1)
+    height: int = setting(REQUIRED, "number of rows", low=1)
 
     def apply(self, model: SPMM, where: Selection | None) -> SPMM:
         """The edited model."""

@@ -11,13 +11,16 @@ from ..model import SPMM
 from .selection import Selection
 
 # Texels that are looked at, and measured pairs of directions that they share.
-SAMPLES, PAIRS = 2048, 128
+TEXELS, PAIRS = 1024, 128
+# Each texel is seen under so many pairs, and their mean counts: a pixel of a picture mixes several
+# points, lights and directions too, so it is never as colourful as the extremes of one texel.
+MIXED = 4
 SEED = 0
 
 
 @dataclass(frozen=True)
 class Look:
-    """What random texels show, each under one measured light and view.
+    """What random texels show on average under a few measured lights and views.
 
     Attributes:
         colour: `[n, C]`, none below 0. Brighter ones are longer, so least squares heeds them more,
@@ -40,7 +43,7 @@ def sample_look(model: SPMM, where: Selection | None = None, lobes: Tensor | Non
     light = torch.randint(len(model.light), (PAIRS,), generator=generator)
     seen = model.view[:, 2].cpu().clamp(min=0.0)
     view = torch.multinomial(seen, PAIRS, replacement=True, generator=generator)
-    texel = _chosen(model, where, generator)  # [n]
+    texel = _chosen(model, where, generator).repeat_interleave(MIXED)  # [n MIXED]
     pair = torch.arange(len(texel), device=texel.device) % PAIRS
     rho = _reflected(model, light, view)  # [J, P]
     count = model.lobe_count_per_texel()[texel]
@@ -58,6 +61,7 @@ def sample_look(model: SPMM, where: Selection | None = None, lobes: Tensor | Non
         code = model.residual.code[cluster, view.to(cluster)[pair], light.to(cluster)[pair]]
         epsilon = code.to(colour) * model.residual.scale[cluster, None]
         colour = colour + (epsilon if where is None else epsilon * where.texels[texel, None])
+    colour = colour.unflatten(0, (-1, MIXED)).mean(1) if len(texel) else colour
     return Look(colour.clamp(min=0.0), rho.mean(1))
 
 
@@ -74,6 +78,6 @@ def _chosen(model: SPMM, where: Selection | None, generator: torch.Generator) ->
         reach = torch.cat((where.entries.new_zeros(1), where.entries)).double().cumsum(0)
         touched = reach[model.offset[1:]] > reach[model.offset[:-1]]
         candidates = torch.nonzero(touched).squeeze(-1).cpu()
-    number = SAMPLES if len(candidates) else 0
+    number = TEXELS if len(candidates) else 0
     order = torch.randint(max(1, len(candidates)), (number,), generator=generator)
     return candidates[order].to(model.offset.device)

@@ -41,8 +41,8 @@ class RectangleMask:
 
     x: int = setting(REQUIRED, "the leftmost column", low=0)
     y: int = setting(REQUIRED, "the topmost row", low=0)
-    width: int = setting(REQUIRED, "columns", low=1)
-    height: int = setting(REQUIRED, "rows", low=1)
+    width: int = setting(REQUIRED, "number of columns", low=1)
+    height: int = setting(REQUIRED, "number of rows", low=1)
 
     def select(self, model: SPMM) -> Selection:
         """What it means in a model."""

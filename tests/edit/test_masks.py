@@ -84,8 +84,8 @@ def test_cluster(model: SPMM) -> None:
 
 
 def test_colour_range(model: SPMM) -> None:
-    red = model.picture(UP, UP)[..., 0].flatten()
-    limit = float(red.median())
+    red = model.picture(UP, UP)[..., 0].flatten().detach()
+    limit = red.median().item()
     big = [1e3] * 3
     where = colour_selection(model, UP, UP, [limit, -1e3, -1e3], big)
     assert torch.equal(where.texels > 0.0, red >= limit)

@@ -151,7 +151,7 @@ NOT_HERE = [
         "the view of a colour mask is .*theta from 0 to below 90",
     ),
     ("scale_width: {threshold: 0.001}", "has no specular lobes"),
-    ("set_parameter: {name: f1, value: 0.5}", "did you mean f0"),
+    ("set_parameter: {name: exponen, value: 3}", "did you mean exponent"),
     ("blend: {path: nowhere}", "nowhere.* does not exist"),
 ]
 
