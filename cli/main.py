@@ -9,11 +9,12 @@ from spmm_torch import __version__, convert, fit
 from spmm_torch.render.command import main as render
 from spmm_torch.synthesize import main as synthesize
 
-from . import cache
+from . import cache, edit
 
 COMMANDS: dict[str, tuple[Callable[[list[str]], int], str]] = {
     "fit": (fit.main, "fit a model to a BTF: spmm fit INPUT -o RUN"),
     "render": (render, "picture of a model or BTF on a sphere or plane: spmm render RUN -o X.png"),
+    "edit": (edit.main, "edit a model by a script: spmm edit RUN SCRIPT -o RUN2"),
     "convert": (convert.main, "write a BTF in another format: spmm convert INPUT -o OUT"),
     "synthesize": (synthesize, "path-trace a BTF from texture maps: spmm synthesize ... -o OUT"),
     "cache": (cache.main, "show or clear the cache of decoded BTFs: spmm cache list|clear"),

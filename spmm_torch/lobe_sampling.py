@@ -143,34 +143,38 @@ def _raised(w: Tensor) -> Tensor:
     return torch.stack((x / length, y / length, z / length)).movedim(0, -1)
 
 
-def specular_mask(lobes: LobeBatch) -> Tensor:
-    """True `[J]` for the lobes of the specular group [WDR11 §5.1], by their widths."""
+def specular_mask(lobes: LobeBatch, width: float = SPECULAR_WIDTH) -> Tensor:
+    """True `[J]` for the lobes of the specular group [WDR11 §5.1]: those narrower than `width`."""
     mask = torch.zeros(len(lobes), dtype=torch.bool, device=lobes.kappa.device)
     for model in torch.unique(lobes.model).tolist():
         rows = torch.nonzero(lobes.model == model).squeeze(-1).to(mask.device)
         for column, row in enumerate(REGISTRY[model].parameters):
             if row.from_width is not None:
-                limit = row.from_width(SPECULAR_WIDTH)
-                sign = 1.0 if row.from_width(0.5 * SPECULAR_WIDTH) > limit else -1.0
+                limit = row.from_width(width)
+                sign = 1.0 if row.from_width(0.5 * width) > limit else -1.0
                 mask[rows] |= sign * lobes.kappa[rows, column] > sign * limit
     return mask
 
 
-def lobe_intensity(lobes: LobeBatch, table: LobeTable) -> Tensor:
+def lobe_intensity(lobes: LobeBatch, table: LobeTable, samples: int = INTENSITY_SAMPLES) -> Tensor:
     """Mean of each rho_j over light and view, `[J]` in 1/sr: the integral of [WDR11 Eq. 9].
 
     The integrand is rho_j of Eq. 3, what is sampled for, rather than f_j: the cosine keeps grazing
     light from ruling the average. Found by sampling the lobes with a fixed Sobol sequence.
+
+    Args:
+        samples: directions of each lobe; a power of two fills space most evenly.
     """
-    points = torch.quasirandom.SobolEngine(5).draw(INTENSITY_SAMPLES).to(table.kappa)
+    # The points are the lower corners of their cells: half a cell further they are the middles.
+    points = torch.quasirandom.SobolEngine(5).draw(samples).to(table.kappa) + 0.5 / samples
     wo, u = square_to_uniform_hemisphere(points[:, :2]), points[:, 2:]
     parts = []
-    for rows in torch.arange(len(lobes)).split(max(1, BLOCK // INTENSITY_SAMPLES)):
-        lobe = rows.to(wo.device).repeat_interleave(INTENSITY_SAMPLES)
+    for rows in torch.arange(len(lobes)).split(max(1, BLOCK // samples)):
+        lobe = rows.to(wo.device).repeat_interleave(samples)
         view, choice = wo.repeat(len(rows), 1), u.repeat(len(rows), 1)
         wi = table.sample(lobe, view, choice)
         query = torch.arange(len(lobe), device=wi.device)
         density = table.pdf(lobe, query, wi, view).clamp(min=torch.finfo(wi.dtype).tiny)
-        rho = lobes[rows].detach().eval(wi.view(len(rows), INTENSITY_SAMPLES, 3), wo[None])
+        rho = lobes[rows].detach().eval(wi.view(len(rows), samples, 3), wo[None])
         parts.append((rho / density.view_as(rho)).mean(dim=1))
     return torch.cat(parts or [wo.new_zeros(0)]) / (2.0 * math.pi)

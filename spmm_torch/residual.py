@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from torch import Tensor, nn
 
@@ -32,6 +34,18 @@ class Residual(nn.Module):
         self.light_mesh = HemisphereInterpolation.build(light)
         self.view_mesh = HemisphereInterpolation.build(view)
         self.lowest_light = max(float(light[:, 2].min()), LOWEST_COSINE)
+
+    def with_codes(self, code: Tensor, scale: Tensor) -> Residual:
+        """Other values of any number of clusters on the same directions.
+
+        Args:
+            code: `[K', V, L, C]`.
+            scale: `[K']`.
+        """
+        other = copy.copy(self)  # the meshes take long to build, and are shared
+        other._parameters = {"code": nn.Parameter(code, requires_grad=False)}
+        other._buffers = {"scale": scale}
+        return other
 
     def forward(self, cluster: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """The residual `[..., C]` of clusters `[...]` at wi, wo `[..., 3]`, piecewise linear.

@@ -15,6 +15,8 @@ import yaml
 
 from .errors import ConfigError
 
+REQUIRED = MISSING  # as the default of a setting: it has none
+
 
 def setting(
     default: Any,
@@ -31,19 +33,28 @@ def setting(
     )
 
 
+def load_yaml(path: Path | str) -> Any:
+    """Whatever a YAML file holds.
+
+    Raises:
+        ConfigError: no such file, or no YAML.
+    """
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"settings file {path} cannot be read ({error}); check it.") from error
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"settings file {path} is not valid YAML: {reason}; mend it.") from error
+
+
 def read_yaml(path: Path | str) -> dict[str, Any]:
     """The mapping in a YAML file.
 
     Raises:
         ConfigError: no such file, no YAML, or no mapping.
     """
-    try:
-        values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"settings file {path} cannot be read ({error}); check it.") from error
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"settings file {path} is not valid YAML: {reason}; mend it.") from error
+    values = load_yaml(path)
     if values is None:
         return {}
     if not isinstance(values, dict):
@@ -96,6 +107,10 @@ def from_dict(cls: type, values: Any, where: str = "") -> Any:
             given[key] = from_dict(hints[key], value, f"{where}{key}.")
         else:
             given[key] = _checked(value, hints[key], spec.metadata, f"{where}{key}")
+    for item in fields(cls):
+        if item.name not in given and item.default is item.default_factory is MISSING:
+            meaning = item.metadata["meaning"]
+            raise ConfigError(f"{where}{item.name} is missing; expected {meaning}; add it.")
     return cls(**given)
 
 

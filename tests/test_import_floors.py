@@ -32,7 +32,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"stages", "edit", "render"}),
     frozenset({"report"}),
     frozenset({"run_folder"}),
-    frozenset({"fit", "convert", "synthesize"}),
+    frozenset({"fit", "convert", "synthesize", "edited_run", "figures"}),
     frozenset({"cli", "viz"}),
 )
 LEVEL = {unit: level for level, floor in enumerate(FLOORS) for unit in floor}

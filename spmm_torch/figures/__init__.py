@@ -1,0 +1,1 @@
+"""The figures of the paper for a run of one's own."""

@@ -1,0 +1,143 @@
+"""Selections: what they select, how they combine, and what they refuse."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from spmm_torch import SPMM, ConfigError, DataError
+from spmm_torch.edit import (
+    Rectangle,
+    Stripes,
+    cluster_selection,
+    colour_selection,
+    lobe_group,
+    lobe_selection,
+    picture_selection,
+    select_lobes,
+    select_texels,
+    widths,
+)
+from spmm_torch.edit.parts import entry_texels
+
+UP = torch.tensor([0.0, 0.0, 1.0])
+
+
+def test_entries_follow_their_texels(model: SPMM) -> None:
+    mask = torch.rand(8, 8, generator=torch.Generator().manual_seed(4))
+    where = select_texels(model, mask)
+    assert torch.equal(where.texels, mask.flatten())
+    assert torch.equal(where.entries, mask.flatten()[entry_texels(model)])
+    assert torch.equal(select_texels(model, mask.flatten()).entries, where.entries)
+    assert set(select_texels(model, mask > 0.5).entries.tolist()) == {0.0, 1.0}
+
+
+def test_rectangle(model: SPMM) -> None:
+    mask = Rectangle(x=2, y=1, width=3, height=4).mask(model)
+    rows, columns = torch.nonzero(mask, as_tuple=True)
+    assert (int(rows.min()), int(rows.max())) == (1, 4)
+    assert (int(columns.min()), int(columns.max())) == (2, 4)
+    assert float(mask.sum()) == 12.0
+
+
+@pytest.mark.parametrize("place", [(6, 0, 3, 1), (0, 8, 1, 1), (-1, 0, 2, 2)])
+def test_rectangle_outside(model: SPMM, place: tuple[int, int, int, int]) -> None:
+    with pytest.raises(ConfigError, match="reaches out of the texture; expected columns 0 to 7"):
+        Rectangle(*place).mask(model)
+
+
+def test_stripes(model: SPMM) -> None:
+    hard = Stripes(count=2, share=0.5).mask(model)
+    assert hard[0].tolist() == [0, 1, 1, 0, 0, 1, 1, 0]
+    assert torch.equal(hard, Stripes(count=2, share=0.5, vertical=False).mask(model).T)
+    soft = Stripes(count=1, share=0.5, soft=0.5).mask(model)[0]
+    assert soft.tolist() == [0.125, 0.375, 0.625, 0.875, 0.875, 0.625, 0.375, 0.125]
+    with pytest.raises(ConfigError, match="expected a count of at least 1"):
+        Stripes(count=0).mask(model)
+
+
+def test_picture(model: SPMM, tmp_path: Path) -> None:
+    codes = np.arange(64, dtype=np.uint8).reshape(8, 8) * 4
+    Image.fromarray(codes).save(tmp_path / "mask.png")
+    where = picture_selection(model, tmp_path / "mask.png")
+    torch.testing.assert_close(where.texels, torch.from_numpy(codes.flatten() / 255.0).float())
+    Image.fromarray(codes[:, :5]).save(tmp_path / "narrow.png")
+    with pytest.raises(ConfigError, match="the mask has 5 x 8 texels, the texture 8 x 8"):
+        picture_selection(model, tmp_path / "narrow.png")
+    (tmp_path / "text.png").write_text("no picture")
+    for name in ("text.png", "missing.png"):
+        with pytest.raises(DataError, match=f"{name} cannot be read .* such as a PNG"):
+            picture_selection(model, tmp_path / name)
+
+
+def test_cluster(model: SPMM) -> None:
+    where = cluster_selection(model, [1])
+    assert torch.equal(where.texels > 0.0, model.labels == 1)
+    assert bool((cluster_selection(model, [0, 1]).texels == 1.0).all())
+    with pytest.raises(ConfigError, match="cluster 2 does not exist; expected 0 to 1"):
+        cluster_selection(model, [0, 2])
+
+
+def test_colour_range(model: SPMM) -> None:
+    red = model.picture(UP, UP)[..., 0].flatten().detach()
+    limit = red.median().item()
+    big = [1e3] * 3
+    where = colour_selection(model, UP, UP, [limit, -1e3, -1e3], big)
+    assert torch.equal(where.texels > 0.0, red >= limit)
+    soft = colour_selection(model, UP, UP, [limit, -1e3, -1e3], big, soft=0.2)
+    expected = (1.0 - (limit - red) / 0.2).clamp(0.0, 1.0)
+    torch.testing.assert_close(soft.texels, expected.detach())
+    for low, high in (([0.0] * 2, [1.0] * 2), ([1.0] * 3, [0.0] * 3), ([0.0] * 3, [1.0])):
+        with pytest.raises(ConfigError, match="expected 3 numbers each, the lower ones first"):
+            colour_selection(model, UP, UP, low, high)
+
+
+def test_lobe_properties(model: SPMM) -> None:
+    lobes = model.dictionary
+    for found, expected in (
+        (lobe_selection(model, specular=True), lobe_group(model, "specular")),
+        (lobe_selection(model, specular=False), lobe_group(model, "non_specular")),
+        (lobe_selection(model, width=(0.0, 0.3)), widths(lobes) <= 0.3),
+        (
+            lobe_selection(model, elevation=(math.radians(85.0), math.pi / 2.0)),
+            torch.arcsin(lobes.normal[:, 2]) >= math.radians(85.0),
+        ),
+        (
+            lobe_selection(model, models=["ward", "lafortune"], specular=True),
+            torch.tensor([name in ("ward", "lafortune") for name in lobes.names()])
+            & lobe_group(model, "specular"),
+        ),
+    ):
+        assert torch.equal(found.entries > 0.0, expected[model.index])
+        assert bool(expected.any())
+        assert not bool(expected.all())
+        assert found.texels is None
+    with pytest.raises(ConfigError, match="unknown BRDF wart"):
+        lobe_selection(model, models=["wart"])
+
+
+def test_combinations(model: SPMM) -> None:
+    generator = torch.Generator().manual_seed(1)
+    a, b = (select_texels(model, torch.rand(64, generator=generator)) for _ in range(2))
+    torch.testing.assert_close((a & b).texels, a.texels * b.texels)
+    torch.testing.assert_close((a | b).entries, torch.maximum(a.entries, b.entries))
+    torch.testing.assert_close((~a).texels, 1.0 - a.texels)
+    specular = lobe_selection(model, specular=True)
+    for mixed in (a & specular, specular | b, ~specular):
+        assert mixed.texels is None
+    assert torch.equal((a & specular).entries, a.entries * specular.entries)
+
+
+def test_wrong_sizes_and_values(model: SPMM) -> None:
+    with pytest.raises(ConfigError, match="mask has 7 x 8 texels, the texture 8 x 8"):
+        select_texels(model, torch.ones(8, 7))
+    for value in (1.5, -0.1, float("nan")):
+        with pytest.raises(ConfigError, match="outside of 0 to 1"):
+            select_texels(model, torch.full((8, 8), value))
+    with pytest.raises(ConfigError, match="has 3 values; expected one for each of the 12 lobes"):
+        select_lobes(model, torch.ones(3, dtype=torch.bool))

@@ -1,0 +1,120 @@
+"""Blends of two models, and copied regions."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from spmm_torch import SPMM, ConfigError
+from spmm_torch.edit import (
+    Rectangle,
+    Stripes,
+    blend,
+    copy_look,
+    intensity,
+    lobe_selection,
+    rearranged,
+    select_texels,
+    spread_normals,
+)
+from tests.edit.conftest import RINGS
+from tests.edit.looks import check_valid, look
+from tests.render.planted import planted_model
+
+
+@pytest.fixture
+def other() -> SPMM:
+    return planted_model(clusters=4, lobes_per_cluster=5, rings=RINGS, residual=0.05, seed=8)
+
+
+@pytest.mark.parametrize("amount", [0.25, 0.7])
+def test_lobes_blend_exactly(model: SPMM, other: SPMM, amount: float) -> None:
+    mixed = blend(model, other, amount)
+    expected = (1.0 - amount) * look(model, False) + amount * look(other, False)
+    torch.testing.assert_close(look(mixed, residual=False), expected, rtol=1e-4, atol=1e-5)
+    check_valid(mixed)
+
+
+def test_residual_blends_to_the_mean_of_each_cluster(model: SPMM, other: SPMM) -> None:
+    mixed = blend(model, other, 0.3)
+    assert torch.equal(mixed.labels, model.labels)
+    epsilon = [look(each) - look(each, residual=False) for each in (model, other, mixed)]
+    wanted = 0.7 * epsilon[0] + 0.3 * epsilon[1]
+    for cluster in range(2):
+        members = model.labels == cluster
+        mean = wanted[:, members].mean(1, keepdim=True)
+        torch.testing.assert_close(
+            epsilon[2][:, members], mean.expand_as(epsilon[2][:, members]), rtol=1e-3, atol=1e-4
+        )
+
+
+def test_ends_of_a_blend_are_the_models(model: SPMM, other: SPMM) -> None:
+    assert blend(model, other, 0.0) is model
+    torch.testing.assert_close(look(blend(model, other, 1.0)), look(other))
+
+
+def test_blend_with_an_edited_self_shares_the_dictionary(model: SPMM) -> None:
+    mixed = blend(model, intensity(model, 3.0), 0.5)
+    assert len(mixed.lobe_model) == len(model.lobe_model)
+    torch.testing.assert_close(look(mixed), 2.0 * look(model), rtol=1e-4, atol=1e-5)
+
+
+def test_blend_under_a_mask(model: SPMM, other: SPMM) -> None:
+    mask = Stripes(1, 0.5, 0.5).mask(model)
+    mixed = blend(model, other, 1.0, select_texels(model, mask))
+    share = mask.flatten()[None, :, None]
+    expected = (1.0 - share) * look(model, False) + share * look(other, False)
+    torch.testing.assert_close(look(mixed, residual=False), expected, rtol=1e-4, atol=1e-5)
+    hard = blend(model, other, 1.0, select_texels(model, mask > 0.5))
+    inside = (mask > 0.5).flatten()
+    torch.testing.assert_close(look(hard)[:, inside], look(other)[:, inside])
+    torch.testing.assert_close(look(hard)[:, ~inside], look(model)[:, ~inside])
+    for each in (mixed, hard):
+        check_valid(each)
+
+
+def test_copied_region(model: SPMM) -> None:
+    target = Rectangle(4, 2, 3, 3).mask(model)
+    edited = copy_look(model, Rectangle(0, 1, 2, 2), select_texels(model, target))
+    picture, before = (look(each).unflatten(1, (8, 8)) for each in (edited, model))
+    for row in range(8):
+        for column in range(8):
+            source = (row, column)
+            if target[row, column] > 0.0:
+                source = (1 + (row - 2) % 2, (column - 4) % 2)
+            torch.testing.assert_close(picture[:, row, column], before[:, source[0], source[1]])
+    assert len(edited.lobe_model) <= len(model.lobe_model)
+    check_valid(edited)
+
+
+def test_copy_everywhere_tiles_the_texture(model: SPMM) -> None:
+    tiled = look(copy_look(model, Rectangle(2, 3, 4, 2))).unflatten(1, (8, 8))
+    torch.testing.assert_close(tiled[:, :, :4], tiled[:, :, 4:])
+    torch.testing.assert_close(tiled[:, :2], tiled[:, 2:4])
+
+
+def test_rearranged(model: SPMM) -> None:
+    origin = torch.randint(64, (64,), generator=torch.Generator().manual_seed(2))
+    torch.testing.assert_close(look(rearranged(model, origin)), look(model)[:, origin])
+
+
+def test_bad_input(model: SPMM, other: SPMM) -> None:
+    with pytest.raises(ConfigError, match="8 x 8 texels with 3 channels and 6 x 6 texels"):
+        blend(model, planted_model(size=6, rings=RINGS), 0.5)
+    with pytest.raises(ConfigError, match="different light directions"):
+        blend(model, planted_model(rings=((0.0, 1), (20.0, 6), (60.0, 10))), 0.5)
+    with pytest.raises(ConfigError, match="amount of a blend is 1.5; expected 0 to 1"):
+        blend(model, other, 1.5)
+    where = lobe_selection(model, specular=True)
+    for edit in (
+        lambda: blend(model, other, 0.5, where),
+        lambda: copy_look(model, Rectangle(0, 0, 1, 1), where),
+    ):
+        with pytest.raises(ConfigError, match="takes whole texels"):
+            edit()
+    with pytest.raises(ConfigError, match="reaches out of the texture"):
+        copy_look(model, Rectangle(7, 7, 2, 1))
+
+
+def test_edits_after_a_blend(model: SPMM, other: SPMM) -> None:
+    check_valid(spread_normals(blend(model, other, 0.5), 1.5))
