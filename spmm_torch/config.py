@@ -38,6 +38,11 @@ class DataConfig:
         "included in all others",
         choices=("auto", "included", "missing"),
     )
+    negative: str = setting(
+        "refuse",
+        "values below zero, such as noise after dark-frame subtraction: refuse, clip to zero, keep",
+        choices=("refuse", "clip", "keep"),
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
     )

@@ -34,12 +34,14 @@ class VarProResult:
         weights: non-negative, `[S, M, C]`.
         loss: remaining squared error `[S]`.
         failed: `[S]`, True where no finite loss was ever seen; the start is returned there.
+        stuck: `[S]`, True where no step, however short, lowered the loss of the start.
     """
 
     coordinates: Tensor
     weights: Tensor
     loss: Tensor
     failed: Tensor
+    stuck: Tensor
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def refine_mixtures(
         tolerance: a mixture is done when a step lowers its loss by less than this share of it.
     """
     state = _State.begin(values, start, present, signals)
-    failed = ~torch.isfinite(state.loss)
+    failed, first = ~torch.isfinite(state.loss), state.loss.clone()
     rows = torch.nonzero(~failed).squeeze(1)  # those still moving
     for _ in range(iterations):
         if not len(rows):
@@ -90,7 +92,8 @@ def refine_mixtures(
         stuck = state.damping[rows] >= DAMPING_MAX
         rows = rows[~(settled | stuck)]
     weights = state.weights.transpose(1, 2).to(start.dtype)
-    return VarProResult(state.coordinates, weights, state.loss, failed)
+    stuck = (state.damping >= DAMPING_MAX) & (state.loss == first)
+    return VarProResult(state.coordinates, weights, state.loss, failed, stuck)
 
 
 @dataclass

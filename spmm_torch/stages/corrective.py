@@ -7,7 +7,7 @@ weights and, by variable projection, of all normals and parameters of the sample
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import torch
@@ -16,6 +16,7 @@ from torch import Tensor
 from ..config import SearchConfig
 from ..lobe import COORDINATES, Feasible, LobeBatch, decode, encode
 from ..solvers.corrective import select_corrective
+from ..solvers.multistart import StartTally, best_start
 from ..solvers.varpro import refine_mixtures
 from .bank import Bank
 from .grid import SAME_LOBE, DirectionGrid, distinct
@@ -76,6 +77,7 @@ class CorrectiveSearch:
     Attributes:
         grid, bank, feasible, config: as given to the search.
         signals: `[S, C, D]`.
+        tally: counts the starts that fail.
     """
 
     grid: DirectionGrid
@@ -83,6 +85,7 @@ class CorrectiveSearch:
     feasible: Feasible
     config: SearchConfig
     signals: Tensor
+    tally: StartTally = field(default_factory=StartTally)
 
     @cached_property
     def energy(self) -> Tensor:
@@ -225,7 +228,7 @@ class CorrectiveSearch:
             *(torch.cat(x) for x in zip(*(trial._tensors() for trial in trials), strict=True)),
         )
         refined = self._refine(joined, rows.repeat(len(starts)), self.config.refine_steps)
-        which = refined.loss.view(len(starts), -1).argmin(0)  # [s]
+        which = best_start(refined.loss.view(len(starts), -1))  # [s]
         return refined.take(which * len(rows) + torch.arange(len(rows), device=which.device))
 
     def _starts(self, mixtures: Mixtures, rows: Tensor, count: int) -> Tensor:
@@ -288,6 +291,7 @@ class CorrectiveSearch:
                 iterations=steps,
                 tolerance=self.config.tolerance,
             )
+            self.tally.add(result.failed, result.stuck)
             parts.append(result)
         coordinates, weights = mixtures.coordinates.clone(), torch.zeros_like(mixtures.weights)
         coordinates[:, :used] = torch.cat([part.coordinates for part in parts])

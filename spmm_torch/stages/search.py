@@ -52,10 +52,11 @@ def search_lobes(
         )
     else:
         finder = CorrectiveSearch(grid, bank, feasible, search, signals)
-    return _found(finder.run(advance), clusters, signals)
+    mixtures = finder.run(advance)
+    return _found(mixtures, clusters, signals, finder.tally.to_tensor())
 
 
-def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor) -> FoundLobes:
+def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, starts: Tensor) -> FoundLobes:
     """All lobes that carry weight, and how well the sample of each is fit."""
     used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
     host = used.cpu()
@@ -63,4 +64,4 @@ def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor) -> FoundLobes:
     energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
     wide = [column.cpu()[:, None].expand(host.shape)[host] for column in (clusters, error)]
-    return FoundLobes(lobes, *wide)
+    return FoundLobes(lobes, *wide, starts)
