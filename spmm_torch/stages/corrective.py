@@ -124,12 +124,12 @@ class CorrectiveSearch:
 
     def _empty(self) -> Mixtures:
         samples, channels, _ = self.signals.shape
-        device, slots = self.signals.device, self.config.max_lobes
+        slots = self.config.max_lobes
         return Mixtures(
             torch.zeros(samples, slots, dtype=torch.long),
-            torch.zeros(samples, slots, COORDINATES, device=device),
-            torch.zeros(samples, slots, dtype=torch.bool, device=device),
-            torch.zeros(samples, slots, channels, device=device),
+            self.signals.new_zeros(samples, slots, COORDINATES),
+            self.signals.new_zeros(samples, slots, dtype=torch.bool),
+            self.signals.new_zeros(samples, slots, channels),
             self.energy.clone(),
         )
 
