@@ -20,7 +20,7 @@ from ..solvers.multistart import StartTally, best_start
 from ..solvers.varpro import refine_mixtures
 from .bank import Bank
 from .grid import SAME_LOBE, DirectionGrid, distinct
-from .span import spanned_lobes
+from .mixtures import Mixtures
 
 # A sample whose error is this share of its energy is done: 70 dB, the rounding of float32.
 ENERGY_FLOOR = 1e-7
@@ -39,44 +39,13 @@ Advance = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Mixtures:
-    """Lobes of S samples, M at most each.
-
-    Attributes:
-        model: `[S, M]` on the CPU.
-        coordinates: search coordinates `[S, M, P]`.
-        present: `[S, M]`, False for padding.
-        weights: `[S, M, C]`.
-        loss: remaining squared error `[S]`, float64.
-    """
-
-    model: Tensor
-    coordinates: Tensor
-    present: Tensor
-    weights: Tensor
-    loss: Tensor
-
-    def take(self, rows: Tensor) -> Mixtures:
-        """The mixtures of some samples."""
-        return Mixtures(self.model[rows.cpu()], *(x[rows] for x in self._tensors()))
-
-    def put(self, rows: Tensor, other: Mixtures) -> None:
-        """Overwrites the mixtures of some samples in place."""
-        self.model[rows.cpu()] = other.model
-        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
-            mine[rows] = theirs
-
-    def _tensors(self) -> tuple[Tensor, ...]:
-        return self.coordinates, self.present, self.weights, self.loss
-
-
-@dataclass(frozen=True)
 class CorrectiveSearch:
     """What the steps of the search share.
 
     Attributes:
         grid, bank, feasible, config: as given to the search.
         signals: `[S, C, D]`.
+        known: lobes found beforehand, which all samples may borrow.
         tally: counts the starts that fail.
     """
 
@@ -85,6 +54,7 @@ class CorrectiveSearch:
     feasible: Feasible
     config: SearchConfig
     signals: Tensor
+    known: LobeBatch
     tally: StartTally = field(default_factory=StartTally)
 
     @cached_property
@@ -95,8 +65,7 @@ class CorrectiveSearch:
     def run(self, advance: Advance) -> Mixtures:
         """Grows, exchanges and polishes the lobes of every sample."""
         mixtures = self._empty()
-        known = spanned_lobes(self.signals.flatten(0, 1), self.grid, self.bank, self.feasible)
-        self._borrow(mixtures, known)
+        self._borrow(mixtures)
         growing = mixtures.loss > ENERGY_FLOOR * self.energy
         for _ in range(self.config.max_lobes):
             rows = torch.nonzero(growing & ~mixtures.present.all(1)).squeeze(1)
@@ -114,7 +83,7 @@ class CorrectiveSearch:
             if idle and (len(few) < len(rows) or idle == self.config.max_lobes):
                 advance(len(growing) * (self.config.exchanges - turn - 1))
                 break
-        self._borrow(mixtures, known)
+        self._borrow(mixtures)
         return mixtures
 
     def _polish(self, mixtures: Mixtures) -> None:
@@ -168,14 +137,14 @@ class CorrectiveSearch:
         mixtures.put(rows[better], trial.take(better))
         return float((1.0 - trial.loss / before.loss).clamp(min=0.0).mean())
 
-    def _borrow(self, mixtures: Mixtures, known: LobeBatch) -> None:
+    def _borrow(self, mixtures: Mixtures) -> None:
         """Fits every unsolved sample anew with the lobes of all samples, and keeps what is better.
 
         Samples of one material get stuck in different places: what one of them found frees
-        another. Lobes `known` beforehand are lent too.
+        another. Lobes known beforehand are lent too.
         """
         rows = self._unsolved(mixtures)
-        pool = self._pool(mixtures, known)
+        pool = self._pool(mixtures)
         if not len(rows) or not len(pool):
             return
         coordinates = encode(pool)
@@ -197,12 +166,12 @@ class CorrectiveSearch:
         better = torch.nonzero(trial.loss < mixtures.loss[rows]).squeeze(1)
         mixtures.put(rows[better], trial.take(better))
 
-    def _pool(self, mixtures: Mixtures, known: LobeBatch) -> LobeBatch:
+    def _pool(self, mixtures: Mixtures) -> LobeBatch:
         """Known lobes, then those of all samples, the best fits first; no two alike."""
         order = (mixtures.loss / self.energy.clamp(min=TINY)).argsort(stable=True)
         used = mixtures.present[order]
         own = decode(mixtures.model[order.cpu()][used.cpu()], mixtures.coordinates[order][used])
-        lobes = LobeBatch.cat([known, own])
+        lobes = LobeBatch.cat([self.known, own])
         atoms = self.grid.eval(lobes)
         atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
         return lobes[distinct(atoms, SAME_LOBE)]
@@ -225,7 +194,7 @@ class CorrectiveSearch:
         trials = [self._with_lobe(mixtures, slot, start) for start in starts]
         joined = Mixtures(
             torch.cat([trial.model for trial in trials]),
-            *(torch.cat(x) for x in zip(*(trial._tensors() for trial in trials), strict=True)),
+            *(torch.cat(x) for x in zip(*(trial.tensors() for trial in trials), strict=True)),
         )
         refined = self._refine(joined, rows.repeat(len(starts)), self.config.refine_steps)
         which = best_start(refined.loss.view(len(starts), -1))  # [s]

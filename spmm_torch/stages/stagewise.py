@@ -19,8 +19,8 @@ from ..solvers.adam import minimize_adam
 from ..solvers.lbfgs import OptimizeResult, minimize_lbfgs
 from ..solvers.multistart import StartTally
 from .bank import Bank
-from .corrective import Mixtures
 from .grid import SAME_LOBE, DirectionGrid
+from .mixtures import Mixtures
 
 # xi of [ZY07] in units of eta^2, above the rounding of float32.
 STEP_TOLERANCE = 1e-3
@@ -90,16 +90,8 @@ class StagewiseSearch:
         chosen = chance.gather(1, drawn)
         importance = (config.pairs * chosen).rsqrt()
         device = signals.device
-        return cls(
-            grid,
-            bank,
-            feasible,
-            config,
-            stagewise,
-            signals,
-            drawn.to(device),
-            importance.to(device),
-        )
+        drawn, importance = drawn.to(device), importance.to(device)
+        return cls(grid, bank, feasible, config, stagewise, signals, drawn, importance)
 
     def run(self, advance: Advance) -> Mixtures:
         """Follows the path of every sample to lambda_min, then drops weights under 2 eta."""

@@ -1,7 +1,7 @@
 """Inputs that are hard to fit, made here, each with the least accuracy that is promised for it.
 
-`tests/hard/test_bounds.py` holds every case to its bound; `tests/hard/figures.py` prints what is
-reached; `docs/hard_cases.md` shows both.
+`tests/hard/test_bounds.py` holds every case to its bound; `python -m tests.hard.figures` prints
+what is reached; `docs/hard_cases.md` shows both.
 """
 
 from __future__ import annotations

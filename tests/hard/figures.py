@@ -1,4 +1,4 @@
-"""Prints what the hard cases reach: `python tests/hard/figures.py [NAME ...]`, all by default."""
+"""Prints what the hard cases reach: `python -m tests.hard.figures [NAME ...]`, all by default."""
 
 from __future__ import annotations
 

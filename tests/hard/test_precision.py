@@ -12,8 +12,9 @@ from spmm_torch.data import sample_path
 from spmm_torch.fit import fit
 from spmm_torch.lobe import Feasible, LobeBatch
 from spmm_torch.stages.bank import Bank, build_bank
-from spmm_torch.stages.corrective import CorrectiveSearch, Mixtures
+from spmm_torch.stages.corrective import CorrectiveSearch
 from spmm_torch.stages.grid import DirectionGrid
+from spmm_torch.stages.mixtures import Mixtures
 from spmm_torch.stages.products import cluster_products
 from spmm_torch.stages.select import Fit, Products, select, squared_errors, target_beside_residual
 from tests.hard.cases import COARSE, GLOSS, QUICK, noisy, planted_texture
@@ -84,7 +85,8 @@ def searched(dtype: torch.dtype) -> Mixtures:
     lobes = LobeBatch(bank.lobes.model, *parts)
     bank = Bank(lobes, bank.coordinates.to(dtype), bank.atoms.to(dtype))
     signals = noisy(0.05).texels()[:3].transpose(1, 2).to(dtype)
-    return CorrectiveSearch(grid, bank, feasible, CONFIG.search, signals).run(lambda _: None)
+    none = bank.lobes[:0]
+    return CorrectiveSearch(grid, bank, feasible, CONFIG.search, signals, none).run(lambda _: None)
 
 
 def test_search_in_float32_is_that_in_float64() -> None:
