@@ -151,6 +151,10 @@ WHITE = (1.0, 1.0, 1.0)
 GREY = (0.3, 0.25, 0.2)
 DIFFUSE = Lobe("lambertian")
 NEEDLE = Planted((DIFFUSE, Lobe("blinn_phong", (5000.0,))), (GREY, (0.01, 0.01, 0.01)))
+SHARP = [
+    Planted((DIFFUSE, Lobe("blinn_phong", (660.0,), 5.0)), (GREY, (0.02 * i, 0.02, 0.01 * i)))
+    for i in range(1, 5)
+]
 RIM = Planted(
     (DIFFUSE, Lobe("cook_torrance", (0.35, 0.04)), Lobe("ward", (0.3, 0.3), 10.0, 90.0)),
     (GREY, (0.5, 0.5, 0.4), (0.1, 0.1, 0.2)),
@@ -219,6 +223,14 @@ CASES: dict[str, Case] = {
         lambda: planted_texture([NEEDLE], COARSE, "narrow"),
         lobes=60.0,
         model=80.0,
+    ),
+    "sharp": Case(
+        "lobes of 3 degrees, sampled every 20 degrees, in texels that share them",
+        lambda: planted_texture(SHARP, COARSE, "sharp"),
+        lobes=80.0,
+        model=80.0,
+        truth=SHARP[0],
+        between=60.0,
     ),
     "grazing": Case(
         "light and view at 80 and 87 degrees",
