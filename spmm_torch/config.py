@@ -38,6 +38,11 @@ class DataConfig:
         "included in all others",
         choices=("auto", "included", "missing"),
     )
+    negative: str = setting(
+        "refuse",
+        "values below zero, such as noise after dark-frame subtraction: refuse, clip to zero, keep",
+        choices=("refuse", "clip", "keep"),
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
     )
@@ -80,7 +85,11 @@ class SearchConfig:
         None, "starts a new lobe is tried from; null: as many as fill a batch, 8 at most", low=1
     )
     min_width: float = setting(
-        0.125, "narrowest lobe, in units of the angle between measured directions", low=0.0, high=4
+        0.25,
+        "narrowest lobe, in units of the angle between measured directions; half of it where the "
+        "samples are exact sums of few lobes",
+        low=0.0,
+        high=4,
     )
     bank_normals: int | None = setting(
         None, "normals of the bank of candidate lobes; null: 120 for few samples, else 64", low=1

@@ -25,7 +25,7 @@ from .metrics import Totals
 from .model import SPMM
 from .progress import Progress, Stage
 from .ranks import ALONE, Ranks, joined_ranks, local_count, speaks
-from .report.summary import headline, summarize
+from .report.summary import headline, summarize, warning_of_failed_starts
 from .run_folder import (
     LOG,
     REPORT_PAGE,
@@ -141,7 +141,9 @@ def fit(
             fits = fit_texels(setting, clusters.members, checkpoint, stage)
         model = assemble(btf, clusters, dictionary.lobes, fits)
     totals = Totals.sum(part.totals for part in fits)
-    report = summarize(btf, model, totals, watch.seconds, config.seed, device)
+    report = summarize(btf, model, totals, watch.seconds, config.seed, device, found.starts)
+    if warning := warning_of_failed_starts(found.starts):
+        progress.say(warning)
     info = {"labels": clusters.labels, "samples": samples, "lobes_found": len(found.lobes)}
     return FitResult(model, report, info)
 
@@ -258,6 +260,7 @@ def run_fit(options: argparse.Namespace) -> Path:
         options.input,
         gamma=data.gamma,
         cosine=data.cosine,
+        negative=data.negative,
         selection=Selection(data.crop, data.texels, data.directions),
         seed=config.seed,
     )

@@ -40,6 +40,7 @@ class BTF:
         part: what of the source this is.
         streamed: whether values are computed anew whenever they are asked for, and never kept.
         cosine_missing: whether values are to be multiplied by the cosine of the light.
+        negative: of values below zero: "refuse", "clip" to zero, or "keep" them.
     """
 
     name: str
@@ -55,16 +56,23 @@ class BTF:
     part: Part = field(default=WHOLE, repr=False)
     streamed: bool = False
     cosine_missing: bool = False
+    negative: str = "refuse"
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def from_values(
-        cls, values: Tensor | np.ndarray, view: Tensor, light: Tensor, *, name: str = "values"
+        cls,
+        values: Tensor | np.ndarray,
+        view: Tensor,
+        light: Tensor,
+        *,
+        name: str = "values",
+        negative: str = "refuse",
     ) -> BTF:
         """A BTF of linear cosine-weighted `values [V, L, H, W, 3]`, float16 or float32.
 
-        HDR if a value exceeds 1, as for NPZ files.
+        HDR if a value exceeds 1, as for NPZ files; `negative` is that of `ReadOptions`.
 
         Raises:
             DataError: whatever the NPZ reader would refuse.
@@ -72,8 +80,7 @@ class BTF:
         # The NPZ reader owns the rules of this layout and needs BTF itself.
         from .npz import btf_of_array
 
-        array = values.detach().cpu().numpy() if isinstance(values, Tensor) else values
-        return btf_of_array(array, view, light, name)
+        return btf_of_array(values, view, light, name, negative)
 
     def restricted(
         self,
@@ -149,7 +156,7 @@ class BTF:
             OutputError: the cache cannot be written.
         """
         if self._store is None:
-            store = self.open_store(self.part, Loading(progress, memory, cache))
+            store = self.open_store(self.part, Loading(progress, memory, cache, self.negative))
             if self.cosine_missing:
                 cosine = self.light[:, 2].clamp(min=0.0).repeat(len(self.view))  # [D]
                 store = CosineStore(store, cosine)

@@ -25,6 +25,7 @@ REPORT_KEYS: dict[str, tuple[str, ...]] = {
     "snr_db": ("without_residual", "with_residual", "cluster_mean"),
     "mssim": ("y", "cr", "cb", "mean"),
     "lobes_by_model": (),
+    "failed_starts": ("starts", "count", "not_finite", "no_descent"),
     "seconds": (
         "load",
         "cluster",

@@ -168,6 +168,7 @@ def _table_row(report: Report, btf: BTF) -> Markup:
 
 
 def _details(report: Report) -> Markup:
+    starts = report["failed_starts"]
     versions = ", ".join(f"{name} {version}" for name, version in report["versions"].items())
     rows = (
         ("Input", str(report["input"])),
@@ -175,6 +176,8 @@ def _details(report: Report) -> Markup:
         ("Direction pairs", wording.count(report["direction_pairs"])),
         ("Channels", wording.count(report["channels"])),
         ("Clusters", wording.count(report["clusters"])),
+        ("Starts of the search", wording.count(starts["starts"])),
+        ("of them failed", wording.count(starts["count"])),
         ("Peak memory", wording.size(report["peak_memory_bytes"])),
         ("Device", str(report["device"])),
         ("Seed", str(report["seed"])),

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 import torch
+from torch import Tensor
 
 from ..data import BTF
 from ..memory import peak_resident_memory
@@ -25,6 +26,7 @@ def summarize(
     seconds: dict[str, float],
     seed: int,
     device: torch.device,
+    starts: Tensor,
 ) -> dict[str, Any]:
     """All figures of a fit; `mssim` is null until renders exist.
 
@@ -35,6 +37,7 @@ def summarize(
         seconds: by stage, and `total`.
         seed: of the fit.
         device: on which it ran.
+        starts: of the search, see `FoundLobes.starts`.
     """
     count = btf.texel_count * btf.pair_count * btf.channels
     peak = btf.peak()
@@ -60,12 +63,35 @@ def summarize(
         "snr_db": {**snr, "cluster_mean": snr_db(totals.energy, totals.cluster_mean)},
         "mssim": dict.fromkeys(("y", "cr", "cb", "mean")),
         "lobes_by_model": model.lobe_use_by_model(),
+        "failed_starts": failed_starts(starts),
         "seconds": {name: seconds.get(name, 0.0) for name in (*STAGES, "total")},
         "peak_memory_bytes": peak_memory(device),
         "device": device_name(device),
         "seed": seed,
         "versions": versions(),
     }
+
+
+def failed_starts(starts: Tensor) -> dict[str, int]:
+    """How many starts of the search failed, and how, of `FoundLobes.starts [3]`."""
+    total, not_finite, no_descent = starts.tolist()
+    return {
+        "starts": total,
+        "count": not_finite + no_descent,
+        "not_finite": not_finite,
+        "no_descent": no_descent,
+    }
+
+
+def warning_of_failed_starts(starts: Tensor) -> str | None:
+    """One sentence where starts of the search met no number; the others went on without them."""
+    failed = failed_starts(starts)
+    if not failed["not_finite"]:
+        return None
+    return (
+        f"warning: {failed['not_finite']} of {failed['starts']} starts of the search met NaN or "
+        f"infinity and were left out"
+    )
 
 
 def headline(report: dict[str, Any]) -> str:

@@ -36,6 +36,7 @@ def kmeans(
     *,
     iterations: int = 100,
     candidates: int | None = None,
+    resolution: Tensor | None = None,
 ) -> KMeansResult:
     """Clusters points by k-means [AV07] [Llo82].
 
@@ -45,6 +46,8 @@ def kmeans(
         generator: CPU generator, the only source of randomness.
         iterations: most Lloyd iterations; fewer when the labels stop changing.
         candidates: candidates tried for each centre; default 2 + log k as in scikit-learn.
+        resolution: how far each point may be off, `[N]`: nearer to a centre than this it is no
+            point of its own. Default: 0, points are exact.
 
     Returns:
         Labels, centres in the dtype of `points`, and the objective.
@@ -63,7 +66,8 @@ def kmeans(
     tries = 2 + int(math.log(k)) if candidates is None else candidates
     # Double precision: |x - c|^2 is expanded below, which cancels for close centres.
     shifted = points.double() - points.double().mean(0)  # [N, P]
-    centers, remaining = _seed(shifted, k, tries, generator)
+    blur = points.new_zeros(len(points)) if resolution is None else resolution
+    centers, remaining = _seed(shifted, k, tries, generator, blur.double().square())
     if remaining > 0:
         labels = _lloyd(shifted, centers, iterations)
     else:  # every distinct point is a centre: there is nothing to improve
@@ -74,15 +78,18 @@ def kmeans(
     return KMeansResult(labels, centers.to(points.dtype), objective if remaining > 0 else 0.0)
 
 
-def _seed(points: Tensor, k: int, tries: int, generator: torch.Generator) -> tuple[Tensor, float]:
+def _seed(
+    points: Tensor, k: int, tries: int, generator: torch.Generator, blur: Tensor
+) -> tuple[Tensor, float]:
     """Greedy k-means++ [AV07]: centres `[K, P]` and the sum of squared distances to them.
 
-    Squared distances come from differences, so that a copy of a centre is at exactly zero and is
-    never drawn: the sum is zero once every distinct point is a centre.
+    Squared distances come from differences, and those within `blur [N]` count as zero, so that a
+    copy of a centre is never drawn: the sum is zero once every distinct point is a centre.
     """
     first = int(torch.randint(points.shape[0], (1,), generator=generator))
     chosen = [points[first]]
     nearest = _squared_distance(points, points[first][None])[:, 0]  # [N]
+    nearest = torch.where(nearest <= blur, 0.0, nearest)
     total = nearest.sum().item()
     while len(chosen) < k and total > 0:
         draw = torch.rand(tries, generator=generator, dtype=torch.float64).to(points.device)
@@ -92,7 +99,7 @@ def _seed(points: Tensor, k: int, tries: int, generator: torch.Generator) -> tup
         trial = torch.minimum(_squared_distance(points, points[drawn]), nearest[:, None])
         best = trial.sum(0).argmin()
         chosen.append(points[drawn[best]])
-        nearest = trial[:, best]
+        nearest = torch.where(trial[:, best] <= blur, 0.0, trial[:, best])
         total = nearest.sum().item()
     return torch.stack(chosen), total
 

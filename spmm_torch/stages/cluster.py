@@ -20,6 +20,10 @@ OVERSAMPLING = 8
 # a GPU. The same whatever memory there is, so that sums round the same.
 CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES = 1 << 25, 1 << 29
 
+# Share of a texel's norm that the float32 sums behind its coordinates may be off by, generously:
+# equal texels then stay equal whatever block they were in.
+COORDINATE_ROUNDING = 1e-5
+
 Advance = Callable[[int], None]
 
 
@@ -107,7 +111,15 @@ def cluster_texels(
     points = principal_points(btf, config.components, generator, device, advance, ranks)
     count = min(config.count, btf.texel_count)
     labels = ranks.first(
-        lambda: kmeans(points, count, generator, iterations=config.iterations).labels
+        lambda: (
+            kmeans(
+                points,
+                count,
+                generator,
+                iterations=config.iterations,
+                resolution=COORDINATE_ROUNDING * points.norm(dim=1),
+            ).labels
+        )
     )
     return Clusters.of_labels(points, labels)
 
@@ -123,7 +135,9 @@ def sample_texels(
     texels, owners = [], []
     for cluster, members in enumerate(clusters.members):
         count = min(config.per_cluster, len(members))
-        labels = kmeans(clusters.points[members], count, generator).labels
+        points = clusters.points[members]
+        resolution = COORDINATE_ROUNDING * points.norm(dim=1)
+        labels = kmeans(points, count, generator, resolution=resolution).labels
         for stratum in range(int(labels.max()) + 1):
             inside = members[labels == stratum]
             choice = int(torch.randint(len(inside), (1,), generator=generator))

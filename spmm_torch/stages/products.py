@@ -45,7 +45,7 @@ def cluster_products(
         energy[part] = (signals * signals).sum(2, dtype=torch.float64)
         total += signals.sum(0, dtype=torch.float64)
     count = int(ranks.sum(torch.tensor(texels)))
-    mean = (ranks.sum(total) / count).float()  # [C, D]
+    mean = (ranks.sum(total) / count).to(atoms.dtype)  # [C, D]
     overlap = torch.zeros_like(energy)
     for part in parts:
         if len(parts) > 1:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -18,7 +18,8 @@ from ..residual import decode_residual, encode_residual
 from ..stopwatch import Stopwatch
 from .cluster import Advance, block_texels
 from .dictionary import Dictionary
-from .products import cluster_products
+from .exact import exact_errors, is_doubtful
+from .products import Load, cluster_products
 from .select import (
     Fit,
     Products,
@@ -115,7 +116,8 @@ def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     with watch("residual"):
         residual = products.mean - atoms.T @ fit.mean.to(atoms.dtype)  # [D, C]
         code, scale = encode_residual(residual[None], PRECISIONS[setting.config.residual.precision])
-        rounding = (decode_residual(code, scale)[0] - residual).double().square().sum()
+        stored = decode_residual(code, scale)[0]
+        rounding = (stored - residual).double().square().sum()
     energy = float(ranks.sum(products.energy.sum()))
     totals = Totals(
         energy=energy,
@@ -123,19 +125,45 @@ def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
         with_residual=max(fit.error - fit.taken, 0.0) + len(texels) * float(rounding),
         cluster_mean=energy - len(texels) * float(products.mean_energy.sum()),
     )
+    if is_doubtful(min(totals.without_residual, totals.with_residual), energy):
+        with watch("evaluate"):
+            totals = _exact_totals(setting, texels, atoms, fit, stored, totals)
     index, weights = _joined([pair for part in ranks.gather(fit.on_cpu()) for pair in part])
     lobe = torch.where(index >= 0, where.cpu()[index.clamp(min=0)], -1)  # [n, M]
     weights = weights / dictionary.norm.cpu()[lobe.clamp(min=0)][..., None]
     return ClusterFit(lobe, weights, code[0].cpu(), scale[0].cpu(), totals)
 
 
+def _passes(setting: Setting, texels: Tensor, device: torch.device) -> tuple[Load, list[slice]]:
+    """How to load some of `texels`, and in which blocks."""
+    btf = setting.btf
+    blocks = list(slices(len(texels), block_texels(btf, device)))
+    return lambda part: btf.texels(texels[part], device), blocks
+
+
+def _exact_totals(
+    setting: Setting,
+    texels: Tensor,
+    atoms: Tensor,
+    fit: Solution,
+    residual: Tensor,
+    totals: Totals,
+) -> Totals:
+    """The totals of a cluster whose errors may be rounding, from one more pass."""
+    ranks = setting.ranks
+    load, blocks = _passes(setting, ranks.share(texels), atoms.device)
+    without, with_residual = exact_errors(load, blocks, fit.fits, atoms, residual, ranks)
+    return replace(totals, without_residual=without, with_residual=with_residual)
+
+
 def _products(setting: Setting, texels: Tensor, atoms: Tensor) -> Products:
     """The products of this rank's texels of a cluster, in blocks that fit the memory."""
     btf = setting.btf
     size = 4 * len(texels) * len(atoms) * btf.channels
+    load, blocks = _passes(setting, texels, atoms.device)
     return cluster_products(
-        lambda part: btf.texels(texels[part], atoms.device),
-        list(slices(len(texels), block_texels(btf, atoms.device))),
+        load,
+        blocks,
         (len(texels), btf.channels),
         atoms,
         in_memory=size <= setting.spare,

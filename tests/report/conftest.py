@@ -84,6 +84,7 @@ def report() -> dict[str, Any]:
         "snr_db": {"without_residual": 13.98, "with_residual": 26.02, "cluster_mean": 21.5},
         "mssim": {"y": None, "cr": None, "cb": None, "mean": None},
         "lobes_by_model": {"lambertian": 40, "ward": 20},
+        "failed_starts": {"starts": 5120, "count": 3, "not_finite": 1, "no_descent": 2},
         "seconds": {
             "load": 0.2,
             "cluster": 1.0,

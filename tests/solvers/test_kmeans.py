@@ -75,6 +75,15 @@ def test_fewer_distinct_points_than_clusters(distinct: int, dtype: torch.dtype) 
     assert all(len(found.labels[i::distinct].unique()) == 1 for i in range(distinct))
 
 
+def test_points_within_their_resolution_are_one() -> None:
+    """Coordinates of equal texels differ by rounding, which must not make clusters."""
+    points = torch.tensor([0.0, 1.0, 9.0])[torch.arange(60) % 3, None].expand(60, 4)
+    noisy = points + 1e-6 * torch.randn(60, 4, generator=seeded())
+    found = kmeans(noisy, 8, seeded(), resolution=torch.full((60,), 1e-4))
+    assert len(found.centers) == 3
+    assert len(kmeans(noisy, 8, seeded()).centers) == 8
+
+
 def test_as_many_clusters_as_points_and_one_point() -> None:
     points = torch.randn(7, 3, generator=seeded())
     check(points, kmeans(points, 7, seeded()), 7)
