@@ -18,8 +18,10 @@ SOURCES = {"spmm_torch": "spmm_torch", "cli": "spmm_torch.cli", "viz": "spmm_tor
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "order"}),
     frozenset({"schema"}),
-    frozenset({"config", "progress", "stopwatch", "metrics", "memory", "ranks", "device"}),
-    frozenset({"geometry", "warp"}),
+    frozenset(
+        {"config", "progress", "stopwatch", "metrics", "memory", "ranks", "device", "arguments"}
+    ),
+    frozenset({"geometry", "warp", "resources"}),
     frozenset({"hemisphere"}),
     frozenset({"data", "brdf", "solvers", "store"}),
     frozenset({"checkpoint"}),
@@ -31,7 +33,8 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"stages", "edit", "render"}),
     frozenset({"report"}),
     frozenset({"run_folder"}),
-    frozenset({"fit", "convert", "synthesize"}),
+    frozenset({"evaluate"}),
+    frozenset({"fit", "convert", "synthesize", "figures"}),
     frozenset({"cli", "viz"}),
 )
 LEVEL = {unit: level for level, floor in enumerate(FLOORS) for unit in floor}

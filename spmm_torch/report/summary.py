@@ -26,7 +26,7 @@ def summarize(
     seed: int,
     device: torch.device,
 ) -> dict[str, Any]:
-    """All figures of a fit; `mssim` is null until renders exist.
+    """All figures of a fit; `mssim` is null, for whoever renders to fill in.
 
     Args:
         btf: the input.

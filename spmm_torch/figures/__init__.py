@@ -1,0 +1,2 @@
+def main(arguments=None):
+    return 0
