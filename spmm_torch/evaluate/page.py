@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -117,15 +116,15 @@ def _number(value: float) -> str:
 
 def _texels(found: Judgement) -> Markup:
     error = found.errors.texel_error
-    worst = float(error.max())
-    below = -10.0 * torch.log10(error / worst) if worst > 0.0 else torch.full_like(error, np.inf)
-    step = SHOWN_DECIBELS - below.clamp(max=SHOWN_DECIBELS).round().long()
+    below = 10.0 * torch.log10(error.max() / error)  # infinite where nothing is wrong
+    finite = below[below.isfinite()]
+    span = min(SHOWN_DECIBELS, max(1, math.ceil(float(finite.max())))) if len(finite) else 1
+    step = span - below.nan_to_num(nan=span).clamp(max=span).round().long()
     image = texel_map(
-        found.source.model, step, heat_colours(SHOWN_DECIBELS + 1), "Map of the error of each texel"
+        found.source.model, step, heat_colours(span + 1), "Map of the error of each texel"
     )
     caption = (
-        f"Squared error of each texel: the worst is yellow, {SHOWN_DECIBELS} dB less and below are "
-        f"dark."
+        f"Squared error of each texel: the worst is yellow; dark is {span} dB less, or below that."
     )
     rows = [
         (f"{row['x']}, {row['y']}", wording.decibels(row["snr_db"]), _share(row))

@@ -26,6 +26,7 @@ from torch import Tensor
 
 from ..data import BTF
 from ..geometry import direction_from_angles
+from ..memory import slices
 from ..model import SPMM
 from ..render import (
     BTFMaterial,
@@ -40,10 +41,12 @@ from ..render import (
 )
 from ..render.direct import delta_light_directions, lit_values
 from ..render.display import white_exposure
-from ..render.renderer import hit_blocks, trace
+from ..render.renderer import trace
 
 SETTINGS = RenderSettings(size=192, samples=4)
 TEXELS_IN_HALF_TURN = 128
+# Hits that are looked at once: some hundred MB, less than the stages of a fit take.
+BLOCK_HITS = 1 << 15
 # What a light is called, its angle from the camera's axis, and its azimuth in the picture,
 # counter-clockwise from the right; degrees.
 LIGHTS = (
@@ -100,13 +103,14 @@ def compare_spheres(model: SPMM, btf: BTF, device: torch.device | str = "cpu") -
 
 
 def light_pictures(material: Material, texture: Texture, device: torch.device | str) -> Tensor:
-    """A picture of a sphere for each light, `[K, S, S, 3]`; each texel is read once for all."""
+    """A picture of a sphere for each light, `[K, S, S, 3]`; a texel is read for all at once."""
     scene = Scene(Sphere(texture), Camera.orthographic(), sphere_lights())
     size = SETTINGS.size
     total = torch.zeros(size * size, len(scene.lights), 3, device=device)
     generator = torch.Generator().manual_seed(SETTINGS.seed)
     hits = trace(scene, SETTINGS, slice(0, size * size), generator, total)
-    for block in hit_blocks(hits, scene, SETTINGS):
+    for part in slices(len(hits), BLOCK_HITS):
+        block = hits[part]
         wi, irradiance = delta_light_directions(block, scene.lights)  # [N, K, 3]
         total.index_add_(0, block.pixel, lit_values(material, block, wi) * irradiance)
     return (total / SETTINGS.samples).view(size, size, -1, 3).permute(2, 0, 1, 3)
