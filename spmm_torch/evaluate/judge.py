@@ -124,15 +124,18 @@ def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, flo
 
 
 def report_difference(figures: dict[str, Any], report: dict[str, Any]) -> float | None:
-    """The largest difference in decibels to what the fit itself reported; None if it lacks one."""
-    differences = []
-    for group in ("psnr_db", "snr_db"):
-        for name, value in figures[group].items():
-            reported = report.get(group, {}).get(name)
-            if reported is None:
-                return None
-            differences.append(abs(value - reported))
-    return max(differences)
+    """The largest difference in decibels to what the fit itself reported.
+
+    Infinite figures are null there and do not count; None where no figure does.
+    """
+    reported = {group: report.get(group) or {} for group in ("psnr_db", "snr_db")}
+    differences = [
+        abs(value - reported[group][name])
+        for group in reported
+        for name, value in figures[group].items()
+        if reported[group].get(name) is not None
+    ]
+    return max(differences, default=None)
 
 
 def _held_out(source: Source, errors: SquaredErrors, peak: float) -> dict[str, Any] | None:

@@ -99,16 +99,16 @@ def squared_errors(
     by_pair = torch.zeros(3, btf.pair_count, dtype=torch.float64, device=device)
     by_texel = torch.zeros(2, btf.texel_count, dtype=torch.float64, device=device)
     sums = torch.zeros_like(table.epsilon, dtype=torch.float64)  # [K, D, C]
-    counted = fitted.to(device, torch.float32)
+    counted = fitted.to(device, torch.float64)
     size = max(1, BLOCK_VALUES // (btf.pair_count * btf.channels))
     for block in slices(btf.texel_count, size):
         value = btf.texels(block, device)  # [n, D, C]
         label = model.labels[block]
         lobes = table.lobes(block)
-        squares = [
-            part.square().sum(-1)  # [n, D]
-            for part in (value, lobes - value, lobes + table.epsilon[label] - value)
-        ]
+        # In float64, because what cluster means leave is a small difference to their own energy.
+        squares = [value.double().square().sum(-1)]  # [n, D]
+        for error in (lobes - value, lobes + table.epsilon[label] - value):
+            squares.append(error.square().sum(-1).double())
         by_pair += torch.stack([part.sum(0) for part in squares])
         by_texel[:, block] = torch.stack([squares[0] @ counted, squares[2] @ counted])
         sums += torch.zeros_like(table.epsilon).index_add_(0, label, value)

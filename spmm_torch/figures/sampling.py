@@ -46,7 +46,7 @@ DOTS = 1500
 OUR_SAMPLES = 16
 # Variances are taken over so many hits of the sphere, with so many directions each: rare
 # highlights must be met for their noise to be seen.
-VARIANCE_HITS, VARIANCE_SAMPLES = 512, 1024
+VARIANCE_HITS, VARIANCE_SAMPLES = 256, 1024
 SAMPLERS = ("spmm", "cosine")
 
 

@@ -20,7 +20,7 @@ from spmm_torch.render import EnvironmentLight, RenderSettings
 from tests.render.planted import planted_model
 
 TILES = Path(__file__).parents[3] / "shared" / "data" / "TILES64.zip"
-SIZE, HITS, SAMPLES = 128, 512, 2048
+SIZE, HITS, SAMPLES = 128, 512, 1024
 BOUNDS = {"equal_count": 20.0, "equal_time": 10.0}
 # Lobes of the planted material: a diffuse base under two glossy coats.
 COATS = ("lambertian", "ward", "cook_torrance")

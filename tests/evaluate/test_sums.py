@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import pytest
 import torch
+from torch import Tensor
 
+from spmm_torch import SPMM
 from spmm_torch.evaluate import sums
 from spmm_torch.evaluate.angles import by_angle, rings
 from spmm_torch.evaluate.sums import squared_errors
-from spmm_torch.geometry import hemisphere_spiral, ring_directions
+from spmm_torch.geometry import direction_pairs, hemisphere_spiral, ring_directions
 from tests.evaluate.runs import RINGS, planted_btf
 from tests.render.planted import planted_model
 
@@ -23,27 +25,25 @@ def test_sums_are_those_of_pictures(monkeypatch: pytest.MonkeyPatch, block: int)
     told: list[int] = []
     found = squared_errors(model, btf, fitted, told.append)
     assert sum(told) == SIZE * SIZE
-    texel_error = torch.zeros(SIZE, SIZE, dtype=torch.float64)
-    mean = torch.zeros(model.cluster_count, dtype=torch.float64)
-    for pair in range(btf.pair_count):
-        view, light = divmod(pair, len(btf.light))
-        value = btf.picture(view, light).double()
-        errors = [
-            (model.picture(btf.light[light], btf.view[view], residual).detach().double() - value)
-            for residual in (False, True)
-        ]
-        pictures = (value, *errors)
-        sums_found = (found.energy, found.without_residual, found.with_residual)
-        for picture, total in zip(pictures, sums_found, strict=True):
-            expected = float(picture.square().sum())
-            assert float(total[pair]) == pytest.approx(expected, rel=1e-4, abs=1e-8)
-        flat = value.flatten(0, 1)
-        mean = torch.stack([flat[model.labels == k].mean(0) for k in range(model.cluster_count)])
-        expected = float((flat - mean[model.labels]).square().sum())
-        assert float(found.cluster_mean[pair]) == pytest.approx(expected, rel=1e-4)
-        if fitted[pair]:
-            texel_error += errors[1].square().sum(-1)
-    torch.testing.assert_close(found.texel_error, texel_error.flatten(), rtol=1e-4, atol=1e-8)
+    value = btf.texels().double()  # [T, D, C]
+    errors = [whole_table(model, residual).double() - value for residual in (False, True)]
+    totals = (found.energy, found.without_residual, found.with_residual)
+    for expected, total in zip((value, *errors), totals, strict=True):
+        torch.testing.assert_close(total, expected.square().sum((0, 2)), rtol=1e-4, atol=1e-8)
+    mean = torch.stack([value[model.labels == k].mean(0) for k in range(model.cluster_count)])
+    expected = (value - mean[model.labels]).square().sum((0, 2))
+    torch.testing.assert_close(found.cluster_mean, expected, rtol=1e-5, atol=1e-9)
+    expected = errors[1].square().sum(2)[:, fitted].sum(1)
+    torch.testing.assert_close(found.texel_error, expected, rtol=1e-4, atol=1e-8)
+
+
+@torch.no_grad()
+def whole_table(model: SPMM, residual: bool) -> Tensor:
+    """Every texel at every measured pair `[T, D, C]`, as anybody would ask for it."""
+    texel = torch.arange(model.texel_count)
+    u, v = (texel % SIZE + 0.5) / SIZE, 1.0 - (texel // SIZE + 0.5) / SIZE
+    wi, wo = direction_pairs(model.light, model.view)
+    return model(torch.stack((u, v), -1)[:, None], wi[None], wo[None], residual=residual)
 
 
 def test_the_angle_table_adds_up() -> None:

@@ -13,13 +13,14 @@ from spmm_torch.figures import FIGURES, main, sampling
 from tests.evaluate.runs import make_run, planted_btf, save
 from tests.report.test_page import Page
 
-SMALL = ["--size", "24", "--samples", "1", "--device", "cpu"]
+SMALL = ["--size", "16", "--samples", "1", "--device", "cpu"]
 
 
 @pytest.fixture(autouse=True)
 def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sampling, "VARIANCE_HITS", 32)
+    monkeypatch.setattr(sampling, "VARIANCE_HITS", 16)
     monkeypatch.setattr(sampling, "VARIANCE_SAMPLES", 32)
+    monkeypatch.setattr(sampling, "OUR_SAMPLES", 4)
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,7 @@ def test_intensity_and_samples_agree() -> None:
     wi = model.sample(uv.expand(2000, 2), WO.expand(2000, 3), u)[0]
     column = (0.5 * (1.0 + wi[:, 0]) * SIZE).long().clamp(max=SIZE - 1)
     row = (0.5 * (1.0 - wi[:, 1]) * SIZE).long().clamp(max=SIZE - 1)
-    assert blue[row, column].mean() > 3.0 * blue[blue > 0].mean()
+    assert blue[row, column].mean() > 2.0 * blue[blue > 0].mean()
 
 
 def test_the_glossiest_texel_is_not_the_brightest() -> None:
@@ -85,8 +85,8 @@ def test_glossy_materials_gain_and_diffuse_ones_do_not() -> None:
         ("glossy", glossy_model(size=4)),
         ("diffuse", planted_model(4, names=DIFFUSE)),
     ):
-        hits = sphere_hits(model, RenderSettings(16, 1))
-        gains[name] = variance_gains(model, hits, white_light(), 256, 0)["gain"]["equal_count"]
+        hits = sphere_hits(model, RenderSettings(10, 1))
+        gains[name] = variance_gains(model, hits, white_light(), 128, 0)["gain"]["equal_count"]
     assert gains["glossy"] > 20.0
     assert gains["diffuse"] == pytest.approx(1.0, abs=0.3)
 
