@@ -18,6 +18,8 @@ from ..model import SPMM
 # Values of a block of texels: 32 MB of float32, and about six times as much with all that is made
 # of them.
 BLOCK_VALUES = 1 << 23
+# (cluster, pair) queries of the residual at once: about 100 MB.
+BLOCK_QUERIES = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,12 @@ class Tabulated:
         """The tables for lights `[L, 3]` and views `[V, 3]`."""
         light, view = light.to(model.light), view.to(model.view)
         wi, wo = direction_pairs(light, view)
-        cluster = torch.arange(model.cluster_count, device=wi.device)
-        epsilon = model.residual(cluster[:, None], wi[None], wo[None])
-        return cls(model, model.dictionary.eval_grid(light, view), epsilon)
+        clusters = torch.arange(model.cluster_count, device=wi.device)
+        epsilon = [
+            model.residual(part[:, None], wi[None], wo[None])
+            for part in clusters.split(max(1, BLOCK_QUERIES // len(wi)))
+        ]
+        return cls(model, model.dictionary.eval_grid(light, view), torch.cat(epsilon))
 
     def lobes(self, texels: slice) -> Tensor:
         """The sum of the lobes of consecutive texels, `[n, D, C]`."""
