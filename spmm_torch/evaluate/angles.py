@@ -27,6 +27,14 @@ class AngleTable:
     energy: Tensor
     error: Tensor
 
+    def snr_db(self) -> Tensor:
+        """SNR of each cell in decibels; NaN where no pair lies."""
+        return 10.0 * torch.log10(self.energy / self.error)
+
+    def share(self) -> Tensor:
+        """The part of the whole error in each cell; NaN where no pair lies."""
+        return torch.where(self.energy > 0.0, self.error / self.error.sum(), torch.nan)
+
 
 def by_angle(view: Tensor, light: Tensor, energy: Tensor, error: Tensor) -> AngleTable:
     """Adds up sums of squares `[D]` of the pairs of views `[V, 3]` and lights `[L, 3]`."""

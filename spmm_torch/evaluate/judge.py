@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from ..data import BTF
 from ..metrics import Totals, psnr_db, snr_db
@@ -51,6 +52,7 @@ class Judgement:
         source: what was compared.
         errors: squared errors over the whole input.
         table: errors of the fitted pairs by polar angles.
+        held_out: the same of the other pairs; None if there are none.
         likeness: of the sphere pictures.
         figures: the content of `evaluation.json`.
     """
@@ -58,6 +60,7 @@ class Judgement:
     source: Source
     errors: SquaredErrors
     table: AngleTable
+    held_out: AngleTable | None
     likeness: Likeness
     figures: dict[str, Any]
 
@@ -80,11 +83,10 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
     with progress.stage("render", 1, "scene"):
         found = likeness(model, btf, device)
     peak = source.fitted_part().peak()
-    seen = fitted.double()
-    table = by_angle(btf.view, btf.light, errors.energy * seen, errors.with_residual * seen)
+    table = _table(btf, errors, fitted)
+    held_out = None if bool(fitted.all()) else _table(btf, errors, ~fitted)
     totals = errors.totals(fitted)
     count = btf.texel_count * int(fitted.sum()) * btf.channels
-    held_out = _held_out(source, errors, peak)
     figures = {
         "run": str(source.run),
         "input": btf.path,
@@ -103,12 +105,12 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
         "by_angle": _angle_figures(table),
         "worst_texels": worst_texels(errors, btf.width),
         "worst_pairs": worst_pairs(errors, btf, fitted),
-        "held_out": held_out,
+        "held_out": None if held_out is None else _held_out(source, errors, peak, held_out),
         "held_out_note": ALL_FITTED if held_out is None else None,
         "device": device_name(device),
         "versions": versions(),
     }
-    return Judgement(source, errors, table, found, figures)
+    return Judgement(source, errors, table, held_out, found, figures)
 
 
 def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, float]]:
@@ -138,14 +140,24 @@ def report_difference(figures: dict[str, Any], report: dict[str, Any]) -> float 
     return max(differences, default=None)
 
 
-def _held_out(source: Source, errors: SquaredErrors, peak: float) -> dict[str, Any] | None:
-    """The errors at pairs that the fit did not see; None if it saw all."""
+def _table(btf: BTF, errors: SquaredErrors, pairs: Tensor) -> AngleTable:
+    """Errors of some pairs, `[D]` bool, by polar angles."""
+    energy, error = errors.energy * pairs, errors.with_residual * pairs
+    return by_angle(btf.view, btf.light, energy, error)
+
+
+def _held_out(
+    source: Source, errors: SquaredErrors, peak: float, table: AngleTable
+) -> dict[str, Any]:
+    """The errors at pairs that the fit did not see."""
     pairs = ~source.fitted
     number = int(pairs.sum())
-    if not number:
-        return None
     count = source.btf.texel_count * number * source.btf.channels
-    return {"direction_pairs": number, **decibels(errors.totals(pairs), peak, count)}
+    return {
+        "direction_pairs": number,
+        **decibels(errors.totals(pairs), peak, count),
+        "by_angle": _angle_figures(table),
+    }
 
 
 def _angle_figures(table: AngleTable) -> dict[str, Any]:
@@ -155,7 +167,7 @@ def _angle_figures(table: AngleTable) -> dict[str, Any]:
         "light_polar_degrees": list(table.light),
         "energy": table.energy.tolist(),
         "squared_error": table.error.tolist(),
-        "snr_db": (10.0 * torch.log10(table.energy / table.error)).tolist(),
+        "snr_db": table.snr_db().tolist(),
     }
 
 

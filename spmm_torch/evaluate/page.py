@@ -16,7 +16,6 @@ from ..report.markup import Markup, definitions, figure, join, table, tag
 from ..report.pairs import Pair
 from ..report.pictures import heat_colours
 from ..report.slices import slices_section
-from .angles import AngleTable
 from .judge import Judgement
 from .sphere_section import channel_scores, sphere_section
 
@@ -35,7 +34,7 @@ def evaluation_page(found: Judgement) -> str:
             _title(found),
             card_row(_cards(found.figures)),
             sphere_section(found.likeness),
-            _angles(found.table),
+            _angles(found),
             _texels(found),
             _pairs(found),
             _details(found),
@@ -82,17 +81,19 @@ def _cards(figures: dict[str, Any]) -> list[Card]:
     return cards
 
 
-def _angles(errors: AngleTable) -> Markup:
-    """Two heat maps: how well each pair of rings is met, and where the error lies."""
+def _angles(found: Judgement) -> Markup:
+    """Heat maps: how well each pair of rings is met, and where the error lies."""
+    table, held_out = found.table, found.held_out
+    panels = [
+        ("SNR in dB", table.snr_db(), "Signal over error of each pair of rings, with residual."),
+        ("Share of the squared error in %", 100.0 * table.share(), "All cells make 100 %."),
+    ]
+    if held_out is not None:
+        caption = "The pairs that the fit did not see."
+        panels.append(("SNR in dB, held out", held_out.snr_db(), caption))
     views, lights = (
         Axis(f"{name}, polar angle", [f"{angle:g}°" for angle in ring])
-        for name, ring in (("view", errors.view), ("light", errors.light))
-    )
-    snr = 10.0 * torch.log10(errors.energy / errors.error)
-    share = 100.0 * errors.error / errors.error.sum()
-    panels = (
-        ("SNR in dB", snr, "Signal over error of each pair of rings, residual included."),
-        ("Share of the squared error in %", share, "All cells together make 100 %."),
+        for name, ring in (("view", table.view), ("light", table.light))
     )
     parts = [
         tag(

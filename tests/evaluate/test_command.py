@@ -108,6 +108,10 @@ def test_held_out_directions(source: Path, tmp_path: Path) -> None:
     assert held_out["snr_db"]["with_residual"] == pytest.approx(snr_db(energy, error), abs=1e-3)
     assert held_out["snr_db"]["with_residual"] < found["snr_db"]["with_residual"]
     assert found["held_out_note"] is None
+    rows = held_out["by_angle"]["squared_error"]
+    assert sum(sum(row) for row in rows) == pytest.approx(error, rel=1e-3)
+    page = Page((tmp_path / "out" / "evaluation.html").read_text(encoding="utf-8"))
+    assert "SNR in dB, held out" in page.text
 
 
 def test_hdr_crop_and_single_texel(source: Path, tmp_path: Path) -> None:
