@@ -20,12 +20,14 @@ from .data import BTF, Selection, load_btf
 from .data.cache import default_folder
 from .device import full_precision, local_device, resolve_device
 from .errors import SPMMError
+from .evaluate import Likeness, likeness, sphere_section
 from .memory import Budget, parse_size
 from .metrics import Totals
 from .model import SPMM
 from .progress import Progress, Stage
-from .ranks import ALONE, Ranks, joined_ranks, local_count, speaks
+from .ranks import Ranks, joined_ranks, local_count, speaks
 from .report.summary import headline, summarize, warning_of_failed_starts
+from .resources import Resources
 from .run_folder import (
     LOG,
     REPORT_PAGE,
@@ -58,28 +60,13 @@ class FitResult:
         model: the mixture model, on the CPU.
         report: the figures of `report.json`.
         info: `labels [T]`, `samples [S]` and the number of `lobes_found`.
+        likeness: the sphere pictures and their MSSIM; None where they were not asked for.
     """
 
     model: SPMM
     report: dict[str, Any]
     info: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Resources:
-    """With what a fit works; nothing here changes its result.
-
-    Attributes:
-        memory: bytes that the process may take; None: half of what is free.
-        cache: folder for decoded values; None: the user's own, only for what exceeds the memory.
-        state: folder in which finished stages are kept, to go on from; None: nowhere.
-        ranks: the processes that share the fit.
-    """
-
-    memory: int | None = None
-    cache: Path | None = None
-    state: Path | None = None
-    ranks: Ranks = ALONE
+    likeness: Likeness | None = None
 
 
 def fit(
@@ -87,6 +74,7 @@ def fit(
     config: FitConfig | None = None,
     progress: Progress | None = None,
     resources: Resources | None = None,
+    render: bool = True,
 ) -> FitResult:
     """Fits a model to a BTF [WDR11 §3.2, §4.1].
 
@@ -95,6 +83,7 @@ def fit(
         config: settings; the defaults are those of `configs/default.yaml`.
         progress: who is told how far it is; nobody by default.
         resources: with what to work.
+        render: whether to compare pictures of both, which `mssim` of the report is from.
 
     Raises:
         DataError: the BTF cannot be decoded or is not valid.
@@ -140,12 +129,18 @@ def fit(
             setting = Setting(btf, dictionary, config, watch, spare, ranks)
             fits = fit_texels(setting, clusters.members, checkpoint, stage)
         model = assemble(btf, clusters, dictionary.lobes, fits)
+        pictures = None
+        if render and ranks.is_first:
+            with watch("evaluate"), progress.stage("render"):
+                pictures = likeness(model, btf, device)
     totals = Totals.sum(part.totals for part in fits)
     report = summarize(btf, model, totals, watch.seconds, config.seed, device, found.starts)
     if warning := warning_of_failed_starts(found.starts):
         progress.say(warning)
+    if pictures is not None:
+        report["mssim"] = pictures.mssim
     info = {"labels": clusters.labels, "samples": samples, "lobes_found": len(found.lobes)}
-    return FitResult(model, report, info)
+    return FitResult(model, report, info, pictures)
 
 
 def _cluster(
@@ -237,6 +232,7 @@ def parser() -> argparse.ArgumentParser:
         "as 0,30,60; or indices such as 'views=0-8;lights=0,4'",
     )
     add("--resume", action="store_true", help="go on with a run that was stopped")
+    add("--no-render", action="store_true", help="no sphere pictures, so no MSSIM; saves seconds")
     add("--max-memory", metavar="SIZE", help="such as 4GB; default: half of what is free")
     add("--cache", metavar="FOLDER", help="keep decoded values here, for later runs too")
     return result
@@ -269,9 +265,11 @@ def run_fit(options: argparse.Namespace) -> Path:
         new_run(options.output, fingerprint(btf, config), options.resume, ranks) as folder,
     ):
         progress = Progress(log=folder / LOG if ranks.is_first else None, enabled=ranks.is_first)
-        result = fit(btf, config, progress, Resources(memory, cache, folder / STATE, ranks))
+        resources = Resources(memory, cache, folder / STATE, ranks)
+        result = fit(btf, config, progress, resources, not options.no_render)
         if ranks.is_first:
-            write_run(folder, result.model, result.report, config, btf)
+            sections = [] if result.likeness is None else [sphere_section(result.likeness)]
+            write_run(folder, result.model, result.report, config, btf, sections)
             progress.say(headline(result.report))
     return Path(options.output)
 

@@ -18,8 +18,10 @@ SOURCES = {"spmm_torch": "spmm_torch", "cli": "spmm_torch.cli", "viz": "spmm_tor
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "order"}),
     frozenset({"schema"}),
-    frozenset({"config", "progress", "stopwatch", "metrics", "memory", "ranks", "device"}),
-    frozenset({"geometry", "warp"}),
+    frozenset(
+        {"config", "progress", "stopwatch", "metrics", "memory", "ranks", "device", "arguments"}
+    ),
+    frozenset({"geometry", "warp", "resources"}),
     frozenset({"hemisphere"}),
     frozenset({"data", "brdf", "solvers", "store"}),
     frozenset({"checkpoint"}),
@@ -32,6 +34,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"stages", "edit", "render"}),
     frozenset({"report"}),
     frozenset({"run_folder"}),
+    frozenset({"evaluate"}),
     frozenset({"fit", "convert", "synthesize", "edited_run", "figures"}),
     frozenset({"cli", "viz"}),
 )

@@ -35,6 +35,7 @@ OPTIONS = [
     "--set=search.bank_normals=8",
     "--set=search.exchanges=0",
     "--set=search.final_steps=2",
+    "--no-render",
 ]
 # Relative, as the project promises.
 TOLERANCE = 1e-4

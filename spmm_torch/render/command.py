@@ -6,10 +6,10 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import NoReturn
 
 import torch
 
+from ..arguments import Parser
 from ..data import load_btf
 from ..data.options import NEGATIVES
 from ..device import full_precision, resolve_device
@@ -31,18 +31,6 @@ TURNING = ("light", "camera")
 MAX_FRAMES = 1000
 
 
-class _Parser(argparse.ArgumentParser):
-    """Complains like everything else here: one sentence."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raises the complaint.
-
-        Raises:
-            ConfigError: always.
-        """
-        raise ConfigError(f"{message}; spmm render --help tells what is expected.")
-
-
 def main(arguments: list[str] | None = None) -> int:
     """The command `spmm render`; returns the exit code."""
     try:
@@ -59,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
 def parser() -> argparse.ArgumentParser:
     """The options of `spmm render`."""
     settings = RenderSettings()
-    result = _Parser(prog="spmm render", description="Render a model, or a BTF, on a shape.")
+    result = Parser(prog="spmm render", description="Render a model, or a BTF, on a shape.")
     add = result.add_argument
     add("run", nargs="?", metavar="RUN", help="run folder or model file")
     add("-o", "--output", required=True, metavar="OUT", help=".png, .exr, or .gif of a turntable")

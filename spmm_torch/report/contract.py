@@ -80,9 +80,13 @@ def write_report(folder: Path, report: Mapping[str, Any]) -> Path:
         for key, below in REPORT_KEYS.items()
     }
     path = folder / FILE_NAME
-    text = json.dumps(_finite(ordered), indent=2, allow_nan=False, ensure_ascii=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(json_text(ordered), encoding="utf-8")
     return path
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """The text of a JSON file, null for each number that is not finite."""
+    return json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _finite(value: Any) -> Any:

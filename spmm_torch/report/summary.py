@@ -28,7 +28,7 @@ def summarize(
     device: torch.device,
     starts: Tensor,
 ) -> dict[str, Any]:
-    """All figures of a fit; `mssim` is null until renders exist.
+    """All figures of a fit; `mssim` is null, for whoever renders to fill in.
 
     Args:
         btf: the input.

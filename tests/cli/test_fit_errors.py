@@ -192,7 +192,7 @@ def test_more_clusters_than_texels(
     tmp_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [str(saved()(tmp_path)), "-o", str(out / "run"), "--config", str(SMOKE)]
-    assert main([*arguments, "--device", "cpu", "--set", "cluster.count=50"]) == 0
+    assert main([*arguments, "--device", "cpu", "--no-render", "--set", "cluster.count=50"]) == 0
     warning = "warning: cluster.count lowered from 50 to 6, there are only 6 texels"
     assert warning in capsys.readouterr().err.splitlines()
     assert warning in (out / "run" / "log.txt").read_text(encoding="utf-8").splitlines()

@@ -38,7 +38,12 @@ SETTINGS = {
     "search.exchanges": 0,
     "search.final_steps": 2,
 }
-OPTIONS = ["--device", "cpu", *(f"--set={key}={value}" for key, value in SETTINGS.items())]
+OPTIONS = [
+    "--device",
+    "cpu",
+    "--no-render",
+    *(f"--set={key}={value}" for key, value in SETTINGS.items()),
+]
 # Of the slow test: kills, and the seed of when they come.
 KILLS, SEED = 10, 3
 LARGE_SIDE, MORE_STAGES = 64, 14
