@@ -259,7 +259,7 @@ CASES: dict[str, Case] = {
     "mirror": Case(
         "one bright sample in 6,561",
         mirror_spot,
-        lobes=40.0,
+        lobes=25.0,
         model=80.0,
         settings={"search": {"exchanges": 0, "restarts": 2, "bank_normals": 24}},
     ),
