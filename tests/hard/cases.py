@@ -221,7 +221,7 @@ CASES: dict[str, Case] = {
     "narrow": Case(
         "a lobe of 1 degree, sampled every 20 degrees",
         lambda: planted_texture([NEEDLE], COARSE, "narrow"),
-        lobes=60.0,
+        lobes=25.0,
         model=80.0,
     ),
     "sharp": Case(
