@@ -221,7 +221,7 @@ CASES: dict[str, Case] = {
     "narrow": Case(
         "a lobe of 1 degree, sampled every 20 degrees",
         lambda: planted_texture([NEEDLE], COARSE, "narrow"),
-        lobes=60.0,
+        lobes=25.0,
         model=80.0,
     ),
     "sharp": Case(
@@ -259,7 +259,7 @@ CASES: dict[str, Case] = {
     "mirror": Case(
         "one bright sample in 6,561",
         mirror_spot,
-        lobes=40.0,
+        lobes=25.0,
         model=80.0,
         settings={"search": {"exchanges": 0, "restarts": 2, "bank_normals": 24}},
     ),
