@@ -43,12 +43,35 @@ class DataConfig:
         "values below zero, such as noise after dark-frame subtraction: refuse, clip to zero, keep",
         choices=("refuse", "clip", "keep"),
     )
+    missing: str = setting(
+        "refuse",
+        "pairs of directions without a picture: refuse them, or mask them: they then count nowhere",
+        choices=("refuse", "mask"),
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
     )
     texels: int | None = setting(None, "take about so many texels, spread evenly", low=1)
     directions: str | None = setting(
         None, "take every K-th ring, polar angles (0,30,60), or indices (views=0-8;lights=0,4)"
+    )
+
+
+@dataclass(frozen=True)
+class WeightsConfig:
+    """How much an error counts, by texel and direction pair; as much everywhere by default."""
+
+    scene: str | None = setting(None, "scene (YAML) by whose pictures errors count")
+    file: str | None = setting(
+        None, "NPZ of weights: pair [views, lights], texel [height, width], or one of them"
+    )
+    floor: float = setting(
+        0.05, "share of those weights that is spread evenly over all values", low=0.0, high=1.0
+    )
+    error: str = setting(
+        "l2",
+        "l2: squared errors (paper); cube-root, log: squared errors of compressed values, about",
+        choices=("l2", "cube-root", "log"),
     )
 
 
@@ -160,6 +183,7 @@ class FitConfig:
     """All settings of a fit; the defaults are `configs/default.yaml`."""
 
     data: DataConfig = field(default_factory=DataConfig)
+    weights: WeightsConfig = field(default_factory=WeightsConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     sample: SampleConfig = field(default_factory=SampleConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
@@ -167,6 +191,9 @@ class FitConfig:
     dictionary: DictionaryConfig = field(default_factory=DictionaryConfig)
     select: SelectConfig = field(default_factory=SelectConfig)
     residual: ResidualConfig = field(default_factory=ResidualConfig)
+    auto: bool = setting(
+        False, "leave out models and lobes that do not pay for their bytes on held-out directions"
+    )
     seed: int = setting(0, "seed of every random choice", low=0)
     device: str = setting("auto", "auto, cpu, cuda or cuda:N")
 

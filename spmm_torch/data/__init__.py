@@ -47,6 +47,7 @@ def load_btf(
     threads: int = 0,
     cosine: str = "auto",
     negative: str = "refuse",
+    missing: str = "refuse",
     selection: Selection | None = None,
     seed: int = 0,
 ) -> BTF:
@@ -60,6 +61,8 @@ def load_btf(
             itself, included in all others.
         negative: of values below zero, such as noise after dark-frame subtraction: "refuse" them,
             "clip" them to zero, or "keep" them.
+        missing: pairs of directions without a picture: "refuse" them, or "mask" them; pictures
+            only.
         selection: the part to take; all of it by default.
         seed: of the choice of texels, where a selection asks for a number of them.
 
@@ -67,7 +70,9 @@ def load_btf(
         DataError: nothing there, no known format, or malformed.
         ConfigError: an option out of its range.
     """
-    options = ReadOptions(gamma=gamma, threads=threads, cosine=cosine, negative=negative)
+    options = ReadOptions(
+        gamma=gamma, threads=threads, cosine=cosine, negative=negative, missing=missing
+    )
     btf = _read(path, options)
     return btf if selection is None else select_part(btf, selection, seed)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..errors import DataError
 from ..geometry import direction_pairs
 from .percentile import percentile
 from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chunks
@@ -41,6 +42,7 @@ class BTF:
         streamed: whether values are computed anew whenever they are asked for, and never kept.
         cosine_missing: whether values are to be multiplied by the cosine of the light.
         negative: of values below zero: "refuse", "clip" to zero, or "keep" them.
+        missing: which pairs have no values but zeros, `[V, L]` bool; None if all have some.
     """
 
     name: str
@@ -57,6 +59,7 @@ class BTF:
     streamed: bool = False
     cosine_missing: bool = False
     negative: str = "refuse"
+    missing: Tensor | None = field(default=None, repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
@@ -103,6 +106,7 @@ class BTF:
             width=width,
             view=self.view if views is None else self.view[views],
             light=self.light if lights is None else self.light[lights],
+            missing=_kept_gaps(self.missing, views, lights),
             part=Part(
                 _chosen(self.part.texels, texels),
                 _chosen(self.part.views, views),
@@ -121,9 +125,19 @@ class BTF:
         return len(self.view) * len(self.light)
 
     @property
+    def measured(self) -> Tensor | None:
+        """Which direction pairs have values, `[D]` bool; None if all have."""
+        return None if self.missing is None else ~self.missing.flatten()
+
+    @property
+    def measured_count(self) -> int:
+        """The number of direction pairs that have values."""
+        return self.pair_count if self.missing is None else int((~self.missing).sum())
+
+    @property
     def raw_bytes(self) -> int:
         """Size of all values at the source's own bit depth, uncompressed."""
-        values = self.texel_count * self.pair_count * self.channels
+        values = self.texel_count * self.measured_count * self.channels
         return round(values * self.bytes_per_value)
 
     @property
@@ -192,15 +206,34 @@ class BTF:
             return 1.0
         if self._peak is None:
             chunk = max(CHUNK_VALUES // (self.pair_count * self.channels), 1)
-            store = self._loaded()
-            self._peak = percentile(
-                lambda: float_chunks(store, self.texel_count, chunk), PEAK_FRACTION
-            )
+            self._peak = percentile(lambda: self._measured_chunks(chunk), PEAK_FRACTION)
         return self._peak
+
+    def _measured_chunks(self, size: int) -> Iterator[Tensor]:
+        """All values but those of missing pairs, `size` texels at a time."""
+        measured = self.measured
+        for chunk in float_chunks(self._loaded(), self.texel_count, size):
+            yield chunk if measured is None else chunk[:, measured]
 
     def _loaded(self) -> Store:
         self.load()
         return cast(Store, self._store)
+
+
+def _kept_gaps(
+    missing: Tensor | None, views: Tensor | None, lights: Tensor | None
+) -> Tensor | None:
+    """The missing pairs of the directions that stay; None if there are none."""
+    if missing is None:
+        return None
+    kept = missing if views is None else missing[views]
+    kept = kept if lights is None else kept[:, lights]
+    if bool(kept.all()):
+        raise DataError(
+            "all pairs of the chosen directions are missing; expected at least one with a picture; "
+            "choose others."
+        )
+    return kept if bool(kept.any()) else None
 
 
 def _chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:

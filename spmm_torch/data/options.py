@@ -13,6 +13,7 @@ from .btf import DISPLAY_GAMMA
 MAX_THREADS = 8
 COSINES = ("auto", "included", "missing")
 NEGATIVES = ("refuse", "clip", "keep")
+MISSING = ("refuse", "mask")
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class ReadOptions:
         negative: of values below zero, such as noise after dark-frame subtraction: "refuse" them,
             "clip" them to zero, which makes dark texels brighter on average, or "keep" them. A
             `.btf` has none: its format clips.
+        missing: pairs of directions without a picture: "refuse" them, or "mask" them.
 
     Raises:
         ConfigError: a value out of its range.
@@ -36,6 +38,7 @@ class ReadOptions:
     threads: int = 0
     cosine: str = "auto"
     negative: str = "refuse"
+    missing: str = "refuse"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gamma) and self.gamma > 0.0):
@@ -45,7 +48,11 @@ class ReadOptions:
             )
         if self.threads < 0:
             raise ConfigError(f"threads is {self.threads}; expected 0 (one for each core) or more.")
-        for name, choices in (("cosine", COSINES), ("negative", NEGATIVES)):
+        for name, choices in (
+            ("cosine", COSINES),
+            ("negative", NEGATIVES),
+            ("missing", MISSING),
+        ):
             value = getattr(self, name)
             if value not in choices:
                 raise ConfigError(f"{name} is {value!r}; expected one of {', '.join(choices)}.")

@@ -23,9 +23,15 @@ REPORT_KEYS: dict[str, tuple[str, ...]] = {
     "psnr_peak": (),
     "psnr_db": ("without_residual", "with_residual"),
     "snr_db": ("without_residual", "with_residual", "cluster_mean"),
+    # By the weights of the fit; null where all values count alike.
+    "weighted_snr_db": (),
     "mssim": ("y", "cr", "cb", "mean"),
     "lobes_by_model": (),
     "failed_starts": ("starts", "count", "not_finite", "no_descent"),
+    # Of some texels: signal-to-noise ratio of lobes alone, and that without each model.
+    "error_without_model": ("texels", "snr_db", "snr_db_without"),
+    # What was found to pay; null without --auto.
+    "auto": (),
     "seconds": (
         "load",
         "cluster",

@@ -160,6 +160,21 @@ def _table_row(report: Report, btf: BTF) -> Markup:
     return join((tag("h2", "As in the paper"), tag("div", *content, class_="panel")))
 
 
+def _weighted(report: Report) -> str:
+    """The error that the fit has minimized, where values count by weight."""
+    snr = report["weighted_snr_db"]
+    return "all values count alike" if snr is None else wording.decibels(snr["with_residual"])
+
+
+def _worth(worth: Mapping[str, Any]) -> str:
+    """What every model buys, by some texels."""
+    if not worth["snr_db_without"]:
+        return wording.UNKNOWN
+    parts = [f"{name} {wording.decibels(x)}" for name, x in worth["snr_db_without"].items()]
+    whole = wording.decibels(worth["snr_db"])
+    return f"{', '.join(parts)}; with all {whole} ({wording.plural(worth['texels'], 'texel')})"
+
+
 def _details(report: Report) -> Markup:
     starts = report["failed_starts"]
     versions = ", ".join(f"{name} {version}" for name, version in report["versions"].items())
@@ -171,6 +186,8 @@ def _details(report: Report) -> Markup:
         ("Clusters", wording.count(report["clusters"])),
         ("Starts of the search", wording.count(starts["starts"])),
         ("of them failed", wording.count(starts["count"])),
+        ("SNR by weight, with residual", _weighted(report)),
+        ("SNR of lobes alone, without a model", _worth(report["error_without_model"])),
         ("Peak memory", wording.size(report["peak_memory_bytes"])),
         ("Device", str(report["device"])),
         ("Seed", str(report["seed"])),

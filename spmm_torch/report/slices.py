@@ -38,7 +38,9 @@ def slices_section(
     model: SPMM, btf: BTF, pairs: Sequence[Pair] | None = None, title: str = "Texture slices"
 ) -> Markup:
     """Rows of pictures, one for each pair; of the pairs that show most by default."""
-    slices = take_slices(model, btf, choose_pairs(btf.light, btf.view) if pairs is None else pairs)
+    if pairs is None:
+        pairs = choose_pairs(btf.light, btf.view, btf.missing)
+    slices = take_slices(model, btf, pairs)
     gain = shared_gain([part.factor * (part.original - part.model) for part in slices])
     note = (
         "Values are linear and cosine-weighted, shown with gamma 2.2. In each row all pictures "

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..data import BTF
 from ..memory import peak_resident_memory
-from ..metrics import Totals, psnr_db, snr_db
+from ..metrics import Totals, psnr_db
 from ..model import SPMM
 
 STAGES = ("load", "cluster", "search", "dictionary", "select", "refit", "residual", "evaluate")
@@ -39,18 +39,17 @@ def summarize(
         device: on which it ran.
         starts: of the search, see `FoundLobes.starts`.
     """
-    count = btf.texel_count * btf.pair_count * btf.channels
+    count = btf.texel_count * btf.measured_count * btf.channels
     peak = btf.peak()
     sizes = model.byte_counts()
     errors = {
         "without_residual": totals.without_residual,
         "with_residual": totals.with_residual,
     }
-    snr = {name: snr_db(totals.energy, error) for name, error in errors.items()}
     return {
         "input": btf.path or btf.name,
         "texels": btf.texel_count,
-        "direction_pairs": btf.pair_count,
+        "direction_pairs": btf.measured_count,
         "channels": btf.channels,
         "clusters": model.cluster_count,
         "total_basis": len(model.dictionary),
@@ -60,10 +59,13 @@ def summarize(
         "compression_ratio": btf.raw_bytes / sizes["total"],
         "psnr_peak": peak,
         "psnr_db": {name: psnr_db(peak, error, count) for name, error in errors.items()},
-        "snr_db": {**snr, "cluster_mean": snr_db(totals.energy, totals.cluster_mean)},
+        "snr_db": totals.snr_db(),
+        "weighted_snr_db": None,
         "mssim": dict.fromkeys(("y", "cr", "cb", "mean")),
         "lobes_by_model": model.lobe_use_by_model(),
         "failed_starts": failed_starts(starts),
+        "error_without_model": dict.fromkeys(("texels", "snr_db", "snr_db_without")),
+        "auto": None,
         "seconds": {name: seconds.get(name, 0.0) for name in (*STAGES, "total")},
         "peak_memory_bytes": peak_memory(device),
         "device": device_name(device),

@@ -40,20 +40,18 @@ class _Texels:
     gram: Tensor  # [J, J]
     correlation: Tensor  # [T, C, J]
     energy: Tensor  # [T, C] float64
-    min_gain: float
+    min_gain: float | Tensor  # [T] where it varies
     floor: float
 
     def take(self, rows: Tensor) -> _Texels:
         if len(rows) == len(self.correlation):  # all of them, in order
             return self
-        return _Texels(
-            self.gram, self.correlation[rows], self.energy[rows], self.min_gain, self.floor
-        )
+        min_gain = self.min_gain[rows] if isinstance(self.min_gain, Tensor) else self.min_gain
+        return _Texels(self.gram, self.correlation[rows], self.energy[rows], min_gain, self.floor)
 
     def least_gain(self, error: Tensor) -> Tensor:
-        """Smallest decrease worth a lobe, given the summed error `[T, ...]` without it."""
-        energy = self.energy.sum(-1).reshape(-1, *[1] * (error.dim() - 1))
-        return torch.maximum(self.min_gain * error, self.floor * energy)
+        """Smallest decrease worth a lobe, given the summed error `[T]` without it."""
+        return torch.maximum(self.min_gain * error, self.floor * self.energy.sum(-1))
 
 
 @dataclass
@@ -88,7 +86,7 @@ def select_corrective(
     energy: Tensor,
     *,
     max_lobes: int,
-    min_gain: float,
+    min_gain: float | Tensor,
     floor: float = ENERGY_FLOOR,
 ) -> Selection:
     """Chooses up to `max_lobes` atoms a texel, shared by its channels, and their weights.
@@ -104,7 +102,8 @@ def select_corrective(
         correlation: D^T y `[T, J, C]`.
         energy: ||y||^2 `[T, C]`.
         max_lobes: most atoms of one texel, M.
-        min_gain: least relative decrease of the error that is worth one lobe, in [0, 1).
+        min_gain: least relative decrease of the error that is worth one lobe, in [0, 1]; `[T]`
+            float64 where it varies.
         floor: least decrease relative to the energy.
 
     Returns:

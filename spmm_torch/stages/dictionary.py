@@ -54,12 +54,15 @@ class Dictionary:
         atoms: their values on all pairs, each of unit norm, `[J, D]`.
         norm: norms of the values before that, `[J]`.
         choices: for each cluster, the indices of the lobes open to it, on the CPU.
+        raw: the values over the norm without the weights of the pairs, `[J, D]`; the atoms
+            themselves where nothing is weighted.
     """
 
     lobes: LobeBatch
     atoms: Tensor
     norm: Tensor
     choices: list[Tensor]
+    raw: Tensor
 
 
 def build_dictionary(
@@ -83,4 +86,6 @@ def build_dictionary(
         kept = torch.cat(groups)
         choices = list(torch.arange(len(kept)).split([len(group) for group in groups]))
     where = kept.to(atoms.device)
-    return Dictionary(lobes[order][where], atoms[where], norm[order][where], choices)
+    lobes, atoms, norm = lobes[order][where], atoms[where], norm[order][where]
+    raw = atoms if grid.scale is None else grid.unscaled.eval(lobes) / norm[:, None]
+    return Dictionary(lobes, atoms, norm, choices, raw)

@@ -8,13 +8,16 @@ the texels tells the truth; float32 differences of values and model hold to 130 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
 
 from ..ranks import ALONE, Ranks
+from ..residual import decode_residual
 from .products import Load
 from .select import Fit
+from .tally import Tally
 
 # Share of the energy under which an error is passed over once more: rounding is 1 % of it there.
 DOUBTFUL = 1e-5
@@ -23,6 +26,29 @@ DOUBTFUL = 1e-5
 def is_doubtful(error: float, energy: float) -> bool:
     """Whether an error from the Gram algebra may be rounding."""
     return error < DOUBTFUL * energy
+
+
+def exact_where_doubtful(
+    tally: Tally,
+    passes: tuple[Load, Sequence[slice]],
+    fits: Sequence[Fit],
+    atoms: Tensor,
+    ranks: Ranks = ALONE,
+) -> Tally:
+    """The tally, by one more pass where its errors may be rounding.
+
+    Args:
+        tally: of the whole cluster.
+        passes: load and parts of `exact_errors`.
+        fits, atoms, ranks: of `exact_errors`.
+    """
+    totals = tally.totals
+    if not is_doubtful(min(totals.without_residual, totals.with_residual), totals.energy):
+        return tally
+    residual = decode_residual(tally.code[None], tally.scale[None])[0].to(atoms.device)
+    without, with_residual = exact_errors(*passes, fits, atoms, residual, ranks)
+    totals = replace(totals, without_residual=without, with_residual=with_residual)
+    return replace(tally, totals=totals)
 
 
 def exact_errors(

@@ -8,6 +8,7 @@ from torch import Tensor
 from ..config import FitConfig, SearchConfig
 from ..data import BTF
 from ..lobe import Feasible, decode
+from ..weights import UNIFORM, Weights
 from .bank import build_bank
 from .corrective import FEW_ROWS, Advance, CorrectiveSearch
 from .dictionary import FoundLobes
@@ -46,13 +47,20 @@ def search_lobes(
     config: FitConfig,
     generator: torch.Generator,
     advance: Advance,
+    weights: Weights = UNIFORM,
 ) -> FoundLobes:
-    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2]."""
+    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2].
+
+    Args:
+        grid: scaled as the weights of the pairs say.
+        weights: by which values are scaled, too.
+    """
     search = config.search
     feasible = Feasible.build(search.min_width * grid.spacing)
     bank = build_bank(grid, search.models, bank_normals(search, len(texels)), feasible)
     fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
-    signals = btf.texels(texels, grid.light.device).transpose(1, 2).contiguous()  # [S, C, D]
+    signals = weights.values(btf, texels, grid.light.device)
+    signals = signals.transpose(1, 2).contiguous()  # [S, C, D]
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
             grid, bank, feasible, search, config.stagewise, signals, generator

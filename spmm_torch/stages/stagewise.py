@@ -279,8 +279,7 @@ class _Correlation:
     def __call__(self, coordinates: Tensor) -> tuple[Tensor, Tensor]:
         with torch.enable_grad():
             x = coordinates.detach().requires_grad_()
-            wi, wo = self.grid.at(self.pairs)  # [R, N, 3]
-            rho = decode(self.model, x).eval(wi, wo) * self.importance
+            rho = self.grid.eval_at(decode(self.model, x), self.pairs) * self.importance
             norm = (rho.square().sum(1) + NORM_EPS).sqrt()
             size = self.target.norm(dim=1).clamp(min=NORM_EPS)
             value = -(rho * self.target).sum(1) / (norm * size)  # Eq. (5)

@@ -107,3 +107,16 @@ def test_bad_input_is_refused() -> None:
         kmeans(points[:0], 2, seeded())
     with pytest.raises(DataError, match="finite"):
         kmeans(torch.full_like(points, torch.nan), 2, seeded())
+
+
+def test_whole_weights_are_repeated_points() -> None:
+    points = make_blobs(points=200, blobs=3)
+    times = torch.randint(1, 4, (200,), generator=seeded(5))
+    weighted = kmeans(points, 3, seeded(), weights=times.double())
+    again = torch.repeat_interleave(torch.arange(200), times)
+    repeated = kmeans(points[again], 3, seeded())
+    assert weighted.objective == pytest.approx(repeated.objective, rel=1e-6)
+    means = torch.stack([points[again][weighted.labels[again] == c].mean(0) for c in range(3)])
+    torch.testing.assert_close(weighted.centers, means, rtol=1e-4, atol=1e-4)
+    same = kmeans(points, 3, seeded(), weights=torch.ones(200))
+    assert torch.equal(same.labels, kmeans(points, 3, seeded()).labels)
