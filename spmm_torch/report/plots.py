@@ -12,7 +12,7 @@ from .scales import Scale, number
 # Lengths in SVG units, about one pixel each.
 WIDTH, HEIGHT = 560, 360
 LEFT, RIGHT, TOP, BOTTOM = 58, 16, 12, 46
-LEGEND_ROW, LEGEND_COLUMNS = 20, 3
+LEGEND_ROW, LEGEND_COLUMNS, LEGEND_TOP = 20, 3, 10
 RADIUS = 4.5
 # About the width of a letter of a label, its height, and how far from its point it stands.
 LETTER, LINE, GAP = 6.2, 13.0, 7.0
@@ -79,7 +79,7 @@ def plot(series: Sequence[Series], x_axis: Axis, y_axis: Axis, title: str) -> Ma
     drawn = [_visible(each, x_axis, y_axis) for each in series]
     points = [point for each in drawn for point in each.points]
     rows = -(-len(drawn) // LEGEND_COLUMNS)
-    height = HEIGHT + LEGEND_ROW * rows
+    height = HEIGHT + LEGEND_TOP + LEGEND_ROW * rows
     if not points:
         content = [tag("text", "nothing to show", x=0, y=LINE, class_="quiet")]
     else:
@@ -194,7 +194,7 @@ def _overlap(
 def _legend(series: Series, look: int) -> Markup:
     column, row = look % LEGEND_COLUMNS, look // LEGEND_COLUMNS
     left = LEFT + column * (WIDTH - LEFT - RIGHT) / LEGEND_COLUMNS
-    top = HEIGHT + row * LEGEND_ROW + 4.0
+    top = HEIGHT + LEGEND_TOP + row * LEGEND_ROW
     name = tag("text", series.name, x=f"{left + 12:.1f}", y=f"{top + 4:.1f}")
     return join((mark(look, left, top, series.name), name))
 

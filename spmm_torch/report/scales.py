@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 # Share of the span of the values that is left free at both ends.
 MARGIN = 0.06
-TICKS = 6
+TICKS, FEWEST = 6, 3
 # Steps between the ticks of a linear axis; places of ticks within a decade, coarser and coarser.
 LINEAR_STEPS = (1.0, 2.0, 5.0)
 DECADE_PLACES = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
@@ -45,14 +45,11 @@ class Scale:
 
     def ticks(self) -> list[float]:
         """Round values along the axis."""
-        return self._log_ticks() if self.log else self._linear_ticks()
-
-    def _linear_ticks(self) -> list[float]:
-        rough = (self.high - self.low) / TICKS
-        power = 10.0 ** math.floor(math.log10(rough))
-        step = next((s * power for s in LINEAR_STEPS if s * power >= rough), 10.0 * power)
-        first, last = math.ceil(self.low / step), math.floor(self.high / step)
-        return [round(index * step, 12) for index in range(first, last + 1)]
+        if not self.log:
+            return _linear_ticks(self.low, self.high)
+        ticks = self._log_ticks()
+        # Within less than a decade equal steps say more.
+        return ticks if len(ticks) >= FEWEST else _linear_ticks(10.0**self.low, 10.0**self.high)
 
     def _log_ticks(self) -> list[float]:
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
@@ -62,6 +59,14 @@ class Scale:
             if len(ticks) <= TICKS + 1:
                 break
         return ticks
+
+
+def _linear_ticks(low: float, high: float) -> list[float]:
+    rough = (high - low) / TICKS
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next((s * power for s in LINEAR_STEPS if s * power >= rough), 10.0 * power)
+    first, last = math.ceil(low / step), math.floor(high / step)
+    return [round(index * step, 12) for index in range(first, last + 1)]
 
 
 def number(value: float) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from ...report import wording
 from ...report.charts import Bar, bar_chart
 from ...report.markup import Markup, table
-from .parts import Row, panel, panels, section
+from .parts import Row, duration, panel, panels, section
 
 TEXT = (
     "The machine does {flops} in products of matrices and moves {bytes} in copies, measured in the "
@@ -23,7 +23,7 @@ GIGA = 1e9
 def limits_section(part: Mapping[str, Any]) -> Markup:
     """Bars of time and of the reached share of the limit, and a table."""
     rows, machine = part["rows"], part["machine"]
-    times = [Bar(_name(row), row["seconds"], wording.seconds(row["seconds"])) for row in rows]
+    times = [Bar(_name(row), row["seconds"], duration(row["seconds"])) for row in rows]
     shares = [Bar(_name(row), row["fraction"] or 0.0, _percent(row["fraction"])) for row in rows]
     text = TEXT.format(
         flops=f"{machine['flops_per_second'] / GIGA:.1f} Gflop/s",
@@ -50,10 +50,10 @@ def _percent(share: float | None) -> str:
 def _cells(row: Row) -> tuple[str, ...]:
     return (
         _name(row),
-        wording.seconds(row["seconds"]),
+        duration(row["seconds"]),
         f"{row['flops'] / GIGA:,.1f} Gflop",
         wording.size(row["bytes"]),
-        wording.seconds(row["limit_seconds"]),
+        duration(row["limit_seconds"]),
         _percent(row["fraction"]),
         _percent(row["counted_fraction"]),
     )

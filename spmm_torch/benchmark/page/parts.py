@@ -9,6 +9,8 @@ from ...report import wording
 from ...report.markup import Markup, figure, join, tag
 
 Row = Mapping[str, Any]
+# Seconds below which milliseconds are shown.
+SHORT, MILLISECONDS = 0.1, 1e3
 
 
 def section(title: str, text: str, *content: Markup) -> Markup:
@@ -31,11 +33,18 @@ def panel(content: Markup) -> Markup:
 
 def time(seconds: Row) -> str:
     """Median, and the spread where there was more than one run."""
-    text = wording.seconds(seconds["median"])
+    text = duration(seconds["median"])
     if seconds["runs"] == 1:
         return text
     half = 0.5 * (seconds["slowest"] - seconds["fastest"])
     return f"{text} ± {100.0 * half / seconds['median']:.0f} %"
+
+
+def duration(seconds: float) -> str:
+    """Seconds for people, milliseconds where they are short."""
+    if seconds < SHORT:
+        return f"{wording.three_figures(MILLISECONDS * seconds)} ms"
+    return wording.seconds(seconds)
 
 
 def finite_rows(rows: Iterable[Row]) -> list[Row]:

@@ -9,7 +9,7 @@ from ...report import wording
 from ...report.markup import Markup, join, table, tag
 from ...report.plots import Axis, Point, Series, plot
 from ..peers.problem import SEARCH, SELECTION, WHOLE
-from .parts import Row, finite_rows, panel, panels, section, time
+from .parts import Row, duration, finite_rows, panel, panels, section, time
 
 TEXT = (
     "All start from decoded values. Vector quantization and local PCA get the bytes of our default "
@@ -26,8 +26,7 @@ GROUPS = {
         "Some texels, evenly spread, and the lobes of our default model.",
     ),
 }
-HEAD = ("Method", "time", "a texel", "SNR", "lobes a texel", "size", "texels", "note")
-MILLISECONDS = 1e3
+HEAD = ("Method", "time", "a texel", "SNR", "lobes a texel", "size", "texels")
 
 
 def peers_section(part: Mapping[str, Any]) -> Markup:
@@ -66,20 +65,22 @@ def _told(row: Row) -> str:
 
 def _group(group: str, rows: list[Row]) -> Markup:
     title, text = GROUPS[group]
-    cells = (_cells(row) for row in rows if row["group"] == group)
-    return panel(join((tag("h3", title), tag("p", text, class_="quiet"), table(HEAD, *cells))))
+    own = [row for row in rows if row["group"] == group]
+    notes = [
+        tag("p", f"{row['name']}: {row['note']}.", class_="quiet") for row in own if row["note"]
+    ]
+    shown = table(HEAD, *(_cells(row) for row in own))
+    return panel(join((tag("h3", title), tag("p", text, class_="quiet"), shown, *notes)))
 
 
 def _cells(row: Row) -> tuple[str, ...]:
     lobes = row["mean_basis_per_texel"]
-    each = MILLISECONDS * row["seconds"]["median"] / row["texels"]
     return (
         row["name"],
         time(row["seconds"]),
-        f"{wording.three_figures(each)} ms",
+        duration(row["seconds"]["median"] / row["texels"]),
         wording.decibels(row["snr_db"]),
         wording.UNKNOWN if lobes is None else wording.three_figures(lobes),
         wording.size(row["bytes"]),
         wording.count(row["texels"]),
-        row["note"] or wording.UNKNOWN,
     )

@@ -8,7 +8,7 @@ from typing import Any
 from ...report import wording
 from ...report.markup import Markup, table
 from ...report.plots import Axis, Point, Series, plot
-from .parts import Row, panel, panels, section
+from .parts import Row, duration, panel, panels, section
 
 TEXT = (
     "Default settings. The values lie in memory, so decoding is not in it; more texels than the "
@@ -49,12 +49,12 @@ def _picture(growth: Row, rows: list[Row]) -> tuple[str, Markup, str]:
 
 
 def _told(row: Row, stage: str) -> str:
-    return f"{wording.plural(row['texels'], 'texel')}, {wording.seconds(row['seconds'][stage])}"
+    return f"{wording.plural(row['texels'], 'texel')}, {duration(row['seconds'][stage])}"
 
 
 def _cells(row: Row) -> tuple[str, ...]:
     sizes = wording.count(row["texels"]), wording.count(row["direction_pairs"])
-    seconds = (wording.seconds(row["seconds"][stage]) for stage in STAGES)
+    seconds = (duration(row["seconds"][stage]) for stage in STAGES)
     return row["device"], str(row["threads"]), *sizes, *seconds
 
 

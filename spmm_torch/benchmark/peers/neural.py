@@ -18,8 +18,8 @@ from .problem import HALF_BYTES, WHOLE, Peer, Problem, Row, row, snr_of
 
 LATENT, WIDTH = 12, 48
 BATCH = 1 << 14
-LEARNING_RATE, LEAST_RATE = 8e-3, 1e-2  # the latter as a share of the former, at the end
-EVALUATED = 1 << 18  # values of lobes at once, so that memory stays flat
+LEARNING_RATE, LEAST_RATE = 8e-3, 1e-2  # the latter is the share left at the end
+EVALUATED = 1 << 18  # values at once, so that memory stays flat
 
 
 class NeuralBTF(nn.Module):
