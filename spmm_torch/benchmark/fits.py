@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -19,6 +20,8 @@ from .scope import Bench
 
 # Stages that a fit can take over from another one whose settings for them are the same.
 EARLY_STAGES = ("cluster.safetensors", "search.safetensors")
+# Settings that only matter behind them.
+LATER_SETTINGS = {"dictionary", "select", "residual"}
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class SharedStages:
     """
 
     folder: Path
-    kept: dict[object, Path] = field(default_factory=dict)
+    kept: dict[str, Path] = field(default_factory=dict)
 
     @classmethod
     @contextmanager
@@ -108,11 +111,11 @@ class SharedStages:
         return [] if folder is None else [folder / name for name in EARLY_STAGES]
 
 
-def _early_settings(config: FitConfig) -> object:
-    """All that the clusters and the lobes found depend on."""
-    config = with_lobe_limit(config)
-    stagewise = config.stagewise if config.search.method == "stagewise" else None
-    return config.data, config.cluster, config.sample, config.search, stagewise, config.seed
+def _early_settings(config: FitConfig) -> str:
+    """All that the clusters and the lobes found depend on, as text."""
+    values = with_lobe_limit(config).to_dict()
+    later = LATER_SETTINGS | (set() if config.search.method == "stagewise" else {"stagewise"})
+    return json.dumps({key: value for key, value in values.items() if key not in later})
 
 
 def _totals(results: list[FitResult]) -> list[float]:
