@@ -15,11 +15,10 @@ from ..data import sample_path
 from ..data.writers.atomic import new_folder
 from ..device import resolve_device
 from ..errors import ConfigError, SPMMError
-from ..fit import fit
 from ..progress import Progress
 from . import limits, peers, scaling, sweep
 from .environment import environment
-from .fits import on_device, timed_fit
+from .fits import on_device, plain_fit, timed_fit
 from .page import write_page
 from .scope import FULL, SMALL, WARM_UP, Bench, Scope
 from .variants import DEFAULT, shipped
@@ -115,7 +114,7 @@ def run(bench: Bench, parts: list[str]) -> dict[str, Any]:
     scope = bench.scope
     config = on_device(shipped(DEFAULT, scope.overrides), bench.device)
     warm = bench.with_selection(WARM_UP)
-    fit(warm.open(), config)  # what is imported and allocated once must not count
+    plain_fit(warm.open(), config)  # what is imported and allocated once must not count
     default = timed_fit(bench, config)
     bench.advance()
     btf = bench.open()

@@ -14,6 +14,7 @@ from typing import Any
 import torch
 
 from ..config import FitConfig
+from ..data import BTF
 from ..fit import FitResult, Resources, fit, with_lobe_limit
 from .protocol import Timing, forget_peak, stage_medians
 from .scope import Bench
@@ -60,6 +61,11 @@ class TimedFit:
         }
 
 
+def plain_fit(btf: BTF, config: FitConfig, resources: Resources | None = None) -> FitResult:
+    """A fit with nothing behind it: what every part of a benchmark times."""
+    return fit(btf, config, resources=resources)
+
+
 def timed_fit(bench: Bench, config: FitConfig) -> TimedFit:
     """A fit of the input, repeated as the protocol wants."""
     protocol, results, known = bench.scope.protocol, [], True
@@ -67,7 +73,7 @@ def timed_fit(bench: Bench, config: FitConfig) -> TimedFit:
         len(results) < protocol.repeats and sum(_totals(results)) < protocol.patience
     ):
         known &= forget_peak(bench.device)
-        results.append(fit(bench.open(), config))
+        results.append(plain_fit(bench.open(), config))
     return _timed(results, known)
 
 
@@ -97,7 +103,7 @@ class SharedStages:
         for path in self._files(self.kept.get(key)):
             shutil.copy2(path, state / path.name)
         known = forget_peak(bench.device)
-        result = fit(bench.open(), config, resources=Resources(state=state))
+        result = plain_fit(bench.open(), config, Resources(state=state))
         if key not in self.kept:
             self.kept[key] = self.folder / str(len(self.kept))
             self.kept[key].mkdir()

@@ -17,10 +17,10 @@ from ..data import BTF
 from ..data.options import DEFAULT_OPTIONS
 from ..data.picture_set import PictureSet, accepts
 from ..data.pictures import open_archive
-from ..fit import FitResult, Resources, fit
+from ..fit import FitResult, Resources
 from ..stages.cluster import OVERSAMPLING
 from .counting import CountingStopwatch, Work
-from .fits import TimedFit, on_device
+from .fits import TimedFit, on_device, plain_fit
 from .protocol import Timing, measure
 from .scope import Bench, Scope
 from .variants import DEFAULT, shipped
@@ -137,7 +137,7 @@ def counted(bench: Bench) -> dict[str, Work]:
     """The work of each stage of the default fit, as it runs."""
     watch = CountingStopwatch(bench.device)
     config = on_device(shipped(DEFAULT, bench.scope.overrides), bench.device)
-    fit(bench.open(), config, resources=Resources(watch=watch))
+    plain_fit(bench.open(), config, Resources(watch=watch))
     return dict(watch.work)
 
 

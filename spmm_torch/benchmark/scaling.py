@@ -14,9 +14,8 @@ import torch
 from ..config import FitConfig
 from ..data import BTF, Selection
 from ..data.store import Loading, Store
-from ..fit import fit
 from ..geometry import UBO2003_RINGS, UBO2014_RINGS
-from .fits import TimedFit, on_device
+from .fits import TimedFit, on_device, plain_fit
 from .materials import tiled, with_directions
 from .scope import Bench, Scope
 from .variants import DEFAULT, shipped
@@ -96,7 +95,7 @@ def _material(bench: Bench, source: BTF, base: Store, case: Case) -> BTF:
 
 def _measured(case: Case, btf: BTF, config: FitConfig) -> Row:
     with cpu_threads(case.threads):
-        report = fit(btf.load(), on_device(config, case.device)).report
+        report = plain_fit(btf.load(), on_device(config, case.device)).report
     return {
         "varies": case.varies,
         "texels": btf.texel_count,

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from ...fit import fit
-from ..fits import on_device
+from ..fits import on_device, plain_fit
 from ..protocol import Timing
 from ..variants import DEFAULT, shipped
 from .problem import WHOLE, Peer, Problem, Row, row
@@ -14,7 +13,7 @@ ONE = "select.max_lobes=1"
 def run(problem: Problem) -> list[Row]:
     """Our own fit with one lobe at most, without and with the residual of each cluster."""
     config = on_device(shipped(DEFAULT, (*problem.scope.overrides, ONE)), problem.device)
-    report = fit(problem.btf, config).report
+    report = plain_fit(problem.btf, config).report
     seconds, size = report["seconds"], report["bytes"]
     timing = Timing((seconds["total"] - seconds["load"],))
     kinds = (
