@@ -15,6 +15,7 @@ from ..data import sample_path
 from ..data.writers.atomic import new_folder
 from ..device import resolve_device
 from ..errors import ConfigError, SPMMError
+from ..fit import STOPPED
 from ..progress import Progress
 from . import limits, peers, scaling, sweep
 from .environment import environment
@@ -41,6 +42,9 @@ def main(arguments: list[str] | None = None) -> int:
     except SPMMError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print("stopped; nothing was written.", file=sys.stderr)
+        return STOPPED
     for line in headlines(results):
         print(line)
     print(Path(options.output) / PAGE)

@@ -9,7 +9,7 @@ import torch
 import yaml
 
 from spmm_torch.benchmark import sweep
-from spmm_torch.benchmark.fits import EARLY_STAGES, SharedStages, on_device
+from spmm_torch.benchmark.fits import EARLY_STAGES, SharedStages, TimedFit, on_device
 from spmm_torch.benchmark.scope import Bench
 from spmm_torch.benchmark.variants import DEFAULT, SHIPPED, VARIANTS, Variant, shipped
 from spmm_torch.config import FitConfig
@@ -36,30 +36,28 @@ def test_every_shipped_file_is_measured() -> None:
         assert shipped(name) == FitConfig.from_dict(yaml.safe_load(text))
 
 
-def test_shared_stages_change_no_figure(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shared_stages_change_no_figure(bench: Bench) -> None:
     config = on_device(shipped(DEFAULT, bench.scope.overrides), CPU)
     other = config.override(["select.min_gain=0.1"])
     alone = fit(bench.open(), other).report
-    searched: list[object] = []
-    import spmm_torch.fit as module
-
-    search = module.search_lobes
-    monkeypatch.setattr(module, "search_lobes", lambda *given: searched.append(1) or search(*given))
     with SharedStages.open() as shared:
         first = shared.fit(bench, config)
         second = shared.fit(bench, other).result.report
-        assert len(searched) == 1
-        shared.fit(bench, config.override(["sample.per_cluster=1"]))
-        assert len(searched) == 2
+        third = shared.fit(bench, config.override(["sample.per_cluster=1"]))
         folder = shared.folder
+        assert sorted(path.name for path in folder.iterdir()) == ["0", "1"]
         assert sorted(path.name for path in (folder / "0").iterdir()) == sorted(EARLY_STAGES)
     assert not folder.exists()
-    assert second["seconds"]["search"] == pytest.approx(first.stages["search"])
+    # What is taken over tells the seconds that it took; what is searched anew takes its own.
+    assert second["seconds"]["search"] == first.stages["search"]
+    assert third.stages["search"] != first.stages["search"]
     assert second["snr_db"] == alone["snr_db"]
     assert second["bytes"] == alone["bytes"]
 
 
-def test_float32_takes_more_bytes(bench: Bench, monkeypatch: pytest.MonkeyPatch, default) -> None:
+def test_float32_takes_more_bytes(
+    bench: Bench, default: TimedFit, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(sweep, "SHIPPED", (DEFAULT,))
     rows = {row["name"]: row for row in sweep.run(bench, default)["rows"]}
     assert set(rows) == {DEFAULT, "residual.precision=float32"}
