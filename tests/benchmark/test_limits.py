@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
+import torch
 
 from spmm_torch.benchmark import limits
 from spmm_torch.benchmark.counting import Work
@@ -37,3 +40,10 @@ def test_operations_do_no_less_than_they_must(bench: Bench, default: TimedFit) -
     total = sum(row["seconds"] for row in result["rows"])
     assert total == pytest.approx(default.stages["total"], rel=0.5)
     assert result["bare_decoding"] is None  # no pictures
+
+
+@pytest.mark.gpu
+def test_the_speed_of_a_gpu(bench: Bench) -> None:
+    speed = limits.machine_speed(replace(bench, device=torch.device("cuda")))
+    assert speed["flops_per_second"] > 0.0
+    assert speed["bytes_per_second"] > 0.0
