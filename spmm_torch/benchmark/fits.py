@@ -63,7 +63,7 @@ class TimedFit:
 
 def plain_fit(btf: BTF, config: FitConfig, resources: Resources | None = None) -> FitResult:
     """A fit with nothing behind it: what every part of a benchmark times."""
-    return fit(btf, config, resources=resources)
+    return fit(btf, config, resources=resources, render=False)
 
 
 def timed_fit(bench: Bench, config: FitConfig) -> TimedFit:
