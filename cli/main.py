@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 
 from spmm_torch import __version__, convert, fit
+from spmm_torch.benchmark import main as benchmark
 from spmm_torch.evaluate import main as evaluate
 from spmm_torch.figures import main as figures
 from spmm_torch.render.command import main as render
@@ -21,6 +22,7 @@ COMMANDS: dict[str, tuple[Callable[[list[str]], int], str]] = {
     "edit": (edit.main, "edit a model by a script: spmm edit RUN SCRIPT -o RUN2"),
     "convert": (convert.main, "write a BTF in another format: spmm convert INPUT -o OUT"),
     "synthesize": (synthesize, "path-trace a BTF from texture maps: spmm synthesize ... -o OUT"),
+    "benchmark": (benchmark, "speed against error, on this machine: spmm benchmark -o OUT"),
     "cache": (cache.main, "show or clear the cache of decoded BTFs: spmm cache list|clear"),
 }
 

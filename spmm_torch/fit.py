@@ -102,7 +102,7 @@ def fit(
     resources = resources or Resources()
     ranks = resources.ranks
     device = resolve_device(config.device)
-    watch = Stopwatch(device)
+    watch = resources.watch or Stopwatch(device)
     checkpoint = Checkpoint(watch, resources.state, ranks)
     plan = estimate(btf, config, device)
     budget = Budget.build(resources.memory, plan.working_bytes, local_count())

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .ranks import ALONE, Ranks
+from .stopwatch import Stopwatch
 
 
 @dataclass(frozen=True)
@@ -17,9 +18,11 @@ class Resources:
         cache: folder for decoded values; None: the user's own, only for what exceeds the memory.
         state: folder in which finished stages are kept, to go on from; None: nowhere.
         ranks: the processes that share the fit.
+        watch: tells the time by stage; None: one of its own.
     """
 
     memory: int | None = None
     cache: Path | None = None
     state: Path | None = None
     ranks: Ranks = ALONE
+    watch: Stopwatch | None = None

@@ -36,12 +36,23 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"run_folder", "fit_options", "fit_steps"}),
     frozenset({"evaluate"}),
     frozenset({"fit", "convert", "synthesize", "edited_run", "figures"}),
+    frozenset({"benchmark"}),
     frozenset({"cli", "viz"}),
 )
 LEVEL = {unit: level for level, floor in enumerate(FLOORS) for unit in floor}
 # Packages of the extras: imported in the function that needs them, or not at all.
 LAZY = frozenset(
-    {"drjit", "flip_evaluator", "mitsuba", "pyvista", "trame", "trame_vtk", "vtk", "vtkmodules"}
+    {
+        "drjit",
+        "flip_evaluator",
+        "mitsuba",
+        "pyvista",
+        "sklearn",
+        "trame",
+        "trame_vtk",
+        "vtk",
+        "vtkmodules",
+    }
 )
 
 
