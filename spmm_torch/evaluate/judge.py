@@ -84,7 +84,8 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
         found = likeness(model, btf, device)
     peak = source.fitted_part().peak()
     table = _table(btf, errors, fitted)
-    held_out = None if bool(fitted.all()) else _table(btf, errors, ~fitted)
+    rest = source.held_out
+    held_out = _table(btf, errors, rest) if bool(rest.any()) else None
     totals = errors.totals(fitted)
     count = btf.texel_count * int(fitted.sum()) * btf.channels
     figures = {
@@ -150,7 +151,7 @@ def _held_out(
     source: Source, errors: SquaredErrors, peak: float, table: AngleTable
 ) -> dict[str, Any]:
     """The errors at pairs that the fit did not see."""
-    pairs = ~source.fitted
+    pairs = source.held_out
     number = int(pairs.sum())
     count = source.btf.texel_count * number * source.btf.channels
     return {

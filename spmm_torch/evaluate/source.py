@@ -44,11 +44,19 @@ class Source:
     @property
     def fitted(self) -> Tensor:
         """Direction pairs that the fit saw, `[D]` bool."""
-        return (self.views[:, None] & self.lights).flatten()
+        return self._measured((self.views[:, None] & self.lights).flatten())
+
+    @property
+    def held_out(self) -> Tensor:
+        """Direction pairs that were measured and that the fit did not see, `[D]` bool."""
+        return self._measured(~(self.views[:, None] & self.lights).flatten())
+
+    def _measured(self, pairs: Tensor) -> Tensor:
+        return pairs if self.btf.measured is None else pairs & self.btf.measured
 
     def fitted_part(self) -> BTF:
         """The BTF as the fit saw it."""
-        if bool(self.fitted.all()):
+        if bool(self.views.all() and self.lights.all()):
             return self.btf
         views, lights = (torch.nonzero(part).squeeze(1) for part in (self.views, self.lights))
         return self.btf.restricted(views=views, lights=lights)
@@ -78,6 +86,8 @@ def open_source(
         path,
         gamma=data.gamma,
         cosine=data.cosine,
+        negative=data.negative,
+        missing=data.missing,
         selection=Selection(data.crop, data.texels),
         seed=config.seed,
     )

@@ -108,7 +108,7 @@ class Sample:
         points = []
         for count in clusters:
             config = self.config.override([f"cluster.count={count}"])
-            result = fit(self.btf, config, weights=weights)
+            result = fit(self.btf, config, weights=weights, render=False)
             size, snr = result.report["bytes"]["total"], result.report["snr_db"]["with_residual"]
             points.append(Point(count, size, snr, self.score(result.model)))
         return points

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from safetensors.torch import load_file
 
+from spmm_torch.evaluate import main as evaluate
 from spmm_torch.fit import main
 from tests.cli.test_resume import DIRECTIONS, OPTIONS, SIDE, rough, stopped
+from tests.data.test_picture_set import make_files, write_zip
 
 SCENE = "{shape: plane, camera: 'orthographic:20,0', lights: ['directional:40,0'], size: 32}"
 
@@ -54,3 +56,22 @@ def test_a_scene_is_part_of_the_run(source: Path, tmp_path: Path) -> None:
     assert weighted["with_residual"] > weighted["cluster_mean"]
     codes = [load_file(tmp_path / name / "model.safetensors") for name in runs]
     assert codes[0].keys() == codes[1].keys()
+
+
+def test_missing_pairs_count_nowhere(tmp_path: Path) -> None:
+    """Neither in the fit's report nor where the saved run is evaluated."""
+    codes = np.random.default_rng(1).integers(100, 200, (3, 3, 4, 5, 3), dtype=np.uint8)
+    files = make_files(codes)
+    del files[5]
+    source, run = write_zip(tmp_path / "btf.zip", files), tmp_path / "run"
+    arguments = [str(source), "-o", str(run), *OPTIONS, "--set", "cluster.count=2"]
+    assert main(arguments) == 2
+    assert main([*arguments, "--set", "data.missing=mask"]) == 0
+    assert evaluate([str(run), "-o", str(tmp_path / "out"), "--device", "cpu"]) == 0
+    report = json.loads((run / "report.json").read_text(encoding="utf-8"))
+    found = json.loads((tmp_path / "out" / "evaluation.json").read_text(encoding="utf-8"))
+    assert report["direction_pairs"] == found["direction_pairs"] == 8
+    for group in ("snr_db", "psnr_db"):
+        for name, value in report[group].items():
+            assert found[group][name] == pytest.approx(value, abs=2e-3)
+    assert found["held_out"] is None

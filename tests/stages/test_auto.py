@@ -48,7 +48,7 @@ def diffuse(noise: float, gamma: float | None) -> BTF:
 
 @pytest.mark.parametrize(("noise", "gamma"), [(0.0, None), (0.0, 2.2), (0.05, 2.2)])
 def test_a_uniform_diffuse_material_has_one_lobe_a_texel(noise: float, gamma: float | None) -> None:
-    report = fit(diffuse(noise, gamma), CONFIG).report
+    report = fit(diffuse(noise, gamma), CONFIG, render=False).report
     check_report(report)
     assert report["mean_basis_per_texel"] == 1.0
     assert len(report["auto"]["models"]) == 1
@@ -67,7 +67,7 @@ def glossy() -> FitResult:
         names=("lambertian", "ward"),
         seed=5,
     )
-    return fit(tabulated(model), CONFIG)
+    return fit(tabulated(model), CONFIG, render=False)
 
 
 def test_what_pays_is_kept(glossy: FitResult) -> None:
@@ -94,4 +94,4 @@ def test_few_directions_cannot_be_held_out() -> None:
     few = DIRECTIONS[:3]
     values = torch.rand(3, 3, 2, 2, 3, generator=torch.Generator().manual_seed(0))
     with pytest.raises(DataError, match="has 3 views and 3 lights; auto expected at least 4"):
-        fit(BTF.from_values(values, few, few), CONFIG)
+        fit(BTF.from_values(values, few, few), CONFIG, render=False)
