@@ -32,12 +32,24 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"report"}),
     frozenset({"run_folder"}),
     frozenset({"fit", "convert", "synthesize", "edited_run", "figures"}),
-    frozenset({"cli", "viz"}),
+    frozenset({"viz"}),
+    frozenset({"cli"}),
 )
 LEVEL = {unit: level for level, floor in enumerate(FLOORS) for unit in floor}
 # Packages of the extras: imported in the function that needs them, or not at all.
 LAZY = frozenset(
-    {"drjit", "flip_evaluator", "mitsuba", "pyvista", "trame", "trame_vtk", "vtk", "vtkmodules"}
+    {
+        "drjit",
+        "flip_evaluator",
+        "mitsuba",
+        "pyvista",
+        "trame",
+        "trame_pyvista",
+        "trame_vtk",
+        "trame_vuetify",
+        "vtk",
+        "vtkmodules",
+    }
 )
 
 
@@ -143,7 +155,7 @@ PLANTED = [
     ("spmm_torch.model", "from spmm_torch import SPMM", "imports spmm_torch,"),
     ("spmm_torch.render.scene", "def f():\n    from ..fit import fit", "render.scene:2 imports"),
     ("spmm_torch.edit", "def f():\n    import spmm_torch.fit as g", "not lie on a lower floor"),
-    ("spmm_torch.cli.view", "from ..viz import app", "not lie on a lower floor"),
+    ("spmm_torch.edit.command", "from ..viz import app", "not lie on a lower floor"),
     ("spmm_torch.fit", "from .cli.main import main", "not lie on a lower floor"),
     ("spmm_torch.viz.app", "import pyvista as pv", "at the top"),
     ("spmm_torch.viz.app", "try:\n    from trame.app import x\nexcept ImportError: ...", "at the"),
