@@ -14,10 +14,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from ...lobe import LobeBatch
+from ...lobe_pairs import eval_pairs
 from ...model import SPMM
 
 # Pairs between two questions whether to stop: some ten milliseconds.
-BLOCK = 1 << 16
+BLOCK = 1 << 18
 
 
 class Stopped(Exception):
@@ -37,6 +38,7 @@ class Pairs:
         offset, index: those of the model that the pairs were made for.
         start: where the pairs of each of P hits begin, `[P]`.
         hit, entry, lobe: of each pair, `[E]`.
+        share: what each pair counts, `[E]`.
     """
 
     offset: Tensor
@@ -45,16 +47,20 @@ class Pairs:
     hit: Tensor
     entry: Tensor
     lobe: Tensor
+    share: Tensor
 
     @classmethod
-    def build(cls, model: SPMM, texel: Tensor) -> Pairs:
-        """The pairs of hits on texels `[P]`."""
-        first = model.offset[texel]
-        count = model.offset[texel + 1] - first
-        start = count.cumsum(0) - count
-        hit = torch.repeat_interleave(count)
-        entry = torch.arange(len(hit), device=hit.device) + (first - start)[hit]
-        return cls(model.offset, model.index, start, hit, entry, model.index[entry])
+    def build(cls, model: SPMM, texel: Tensor, share: Tensor) -> Pairs:
+        """The pairs of hits on texels `[P, n]` by their shares `[P, n]`."""
+        first = model.offset[texel].flatten()
+        count = model.offset[texel + 1].flatten() - first
+        begin = count.cumsum(0) - count  # [P * n]
+        place = torch.repeat_interleave(count)  # [E]
+        entry = torch.arange(len(place), device=place.device) + (first - begin)[place]
+        hit = torch.div(place, texel.shape[1], rounding_mode="floor")
+        start = begin[:: texel.shape[1]]
+        lobe = model.index[entry]
+        return cls(model.offset, model.index, start, hit, entry, lobe, share.flatten()[place])
 
     def fits(self, model: SPMM) -> bool:
         """Whether a model has the same entries, whatever their weights and lobes."""
@@ -65,12 +71,12 @@ class LobeCache:
     """rho_j of all pairs under one light and view.
 
     Args:
-        texel: of each of P hits, `[P]`.
+        texel, share: n texels of each of P hits and their weights, `[P, n]`.
         wi, wo: local directions, `[P, 3]`.
     """
 
-    def __init__(self, texel: Tensor, wi: Tensor, wo: Tensor) -> None:
-        self.texel, self.wi, self.wo = texel, wi, wo
+    def __init__(self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> None:
+        self.texel, self.share, self.wi, self.wo = texel, share, wi, wo
         self._pairs: Pairs | None = None
         self._lobes: LobeBatch | None = None
         self._rho: Tensor | None = None
@@ -95,14 +101,14 @@ class LobeCache:
             model.weight,
             self._pairs.start,
             mode="sum",
-            per_sample_weights=self._rho,
+            per_sample_weights=self._rho * self._pairs.share,
         )
 
     def _refresh(self, model: SPMM, stop: Callable[[], bool]) -> None:
         """Evaluates what changed since the last call."""
         lobes = model.dictionary.detach()
         if self._pairs is None or not self._pairs.fits(model):
-            pairs = Pairs.build(model, self.texel)
+            pairs = Pairs.build(model, self.texel, self.share)
             where = torch.arange(len(pairs.lobe), device=pairs.lobe.device)
             rho = self.wi.new_zeros(len(where))
         else:
@@ -129,9 +135,7 @@ class LobeCache:
         for block in where.split(BLOCK):
             if stop():
                 raise Stopped
-            hit = pairs.hit[block]
-            chosen = lobes[pairs.lobe[block]]
-            parts.append(chosen.eval(self.wi[hit][:, None], self.wo[hit][:, None]).squeeze(1))
+            parts.append(eval_pairs(lobes, pairs.lobe[block], pairs.hit[block], self.wi, self.wo))
         return torch.cat(parts)
 
 

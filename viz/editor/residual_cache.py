@@ -1,4 +1,4 @@
-"""The residual at the hits of a picture; where it is interpolated is found once."""
+"""The residual at the hits of a picture, kept while edits change other things."""
 
 from __future__ import annotations
 
@@ -9,37 +9,26 @@ from ...model import SPMM
 
 
 class ResidualCache:
-    """epsilon_k of all hits under one light and view, as `Residual.forward` has it.
+    """epsilon_k of all hits under one light and view.
 
     Args:
-        model: gives the measured directions, which no edit changes.
-        texel: n texels of each of P hits, `[P, n]`.
+        texel, share: n texels of each of P hits and their weights, `[P, n]`.
         wi, wo: local directions, `[P, 3]`.
     """
 
-    def __init__(self, model: SPMM, texel: Tensor, wi: Tensor, wo: Tensor) -> None:
-        residual = model.residual
-        light, light_weight = residual.light_mesh.to(wi.device).weights(wi)  # [P, 3]
-        view, view_weight = residual.view_mesh.to(wo.device).weights(wo)  # [P, 3]
-        pair = view[:, :, None] * len(model.light) + light[:, None, :]
-        fade = (wi[:, 2] / residual.lowest_light).clamp(0.0, 1.0) * (wo[:, 2] > 0.0)
-        weight = view_weight[:, :, None] * light_weight[:, None, :] * fade[:, None, None]
-        self.texel, self.pair, self.weight = texel, pair.flatten(1), weight.flatten(1)  # [P, 9]
+    def __init__(self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> None:
+        self.texel, self.share, self.wi, self.wo = texel, share, wi, wo
         self._kept: tuple[tuple[Tensor, ...], Tensor] | None = None
 
     @torch.no_grad()
     def values(self, model: SPMM) -> Tensor:
-        """The residual of each texel of each hit, `[P, n, C]`."""
+        """The residual of each hit, `[P, C]`."""
         source = (model.residual.code, model.residual.scale, model.labels)
-        if self._kept is not None and all(map(_same_storage, self._kept[0], source)):
-            return self._kept[1]
-        code, scale, labels = source
-        cluster = labels[self.texel]  # [P, n]
-        flat = code.flatten(1, 2)  # [K, V * L, C]
-        corners = flat[cluster[..., None], self.pair[:, None]].to(self.weight)  # [P, n, 9, C]
-        value = torch.einsum("pnec,pe,pn->pnc", corners, self.weight, scale[cluster])
-        self._kept = source, value
-        return value
+        if self._kept is None or not all(map(_same_storage, self._kept[0], source)):
+            cluster = model.labels[self.texel]
+            value = model.residual.blend(cluster, self.share, self.wi, self.wo)
+            self._kept = source, value
+        return self._kept[1]
 
 
 def _same_storage(a: Tensor, b: Tensor) -> bool:

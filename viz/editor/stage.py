@@ -97,10 +97,8 @@ class Stage:
         if not smooth:
             texel = nearest_texels(uv[lit], model.height, model.width)[:, None]
             share = torch.ones_like(share[:, :1])
-        self.share = share  # [P, n]
-        repeated = (x.repeat_interleave(share.shape[1], 0) for x in (wi[lit], wo[lit]))
-        self.lobes = LobeCache(texel.flatten(), *repeated)
-        self.residual = ResidualCache(model, texel, wi[lit], wo[lit])
+        self.lobes = LobeCache(texel, share, wi[lit], wo[lit])
+        self.residual = ResidualCache(texel, share, wi[lit], wo[lit])
 
     def stale(self, model: SPMM) -> int:
         """How many lobes a picture of `model` would have to evaluate."""
@@ -113,9 +111,7 @@ class Stage:
         Raises:
             Stopped: `stop` said so.
         """
-        lobes = self.lobes.values(model, stop).unflatten(0, self.share.shape)  # [P, n, C]
-        value = torch.einsum("pnc,pn->pc", lobes + self.residual.values(model), self.share)
-        value = value.clamp(min=0.0)
+        value = (self.lobes.values(model, stop) + self.residual.values(model)).clamp(min=0.0)
         flat = value.new_zeros(self.size**2, value.shape[1])
         return flat.index_copy(0, self.pixel, value).view(self.size, self.size, -1)
 
