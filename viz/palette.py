@@ -11,7 +11,7 @@ TEXT: Colour = (0.13, 0.15, 0.17)
 QUIET: Colour = (0.42, 0.45, 0.48)
 LINE: Colour = (0.78, 0.79, 0.78)
 SUM: Colour = (0.62, 0.68, 0.74)
-# Okabe and Ito, "Color Universal Design", 2008, without black; then a brown and a grey.
+# Okabe and Ito, "Color Universal Design", 2008, without black; then darker and duller ones.
 SERIES: tuple[Colour, ...] = (
     (0.00, 0.45, 0.70),
     (0.84, 0.37, 0.00),
@@ -21,6 +21,10 @@ SERIES: tuple[Colour, ...] = (
     (0.34, 0.71, 0.91),
     (0.60, 0.45, 0.32),
     (0.50, 0.50, 0.50),
+    (0.33, 0.27, 0.62),
+    (0.60, 0.66, 0.15),
+    (0.64, 0.10, 0.24),
+    (0.10, 0.35, 0.33),
 )
 
 

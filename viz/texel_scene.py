@@ -14,6 +14,7 @@ from ..lobe import anisotropic_mask
 from ..render.display import encode_display
 from .measured import Measured
 from .palette import LINE, QUIET, SUM, TEXT, series_colour
+from .plotter import ROW_HEIGHT
 from .polar import mirror_directions, polar_directions, polar_points, polar_triangles
 from .scene import Arrow, Dots, Floats, LegendRow, Lines, Part, Scene, Surface, View, Word
 from .texel import TexelLobes, angles_text, lobe_text, luminance
@@ -22,6 +23,10 @@ from .texel import TexelLobes, angles_text, lobe_text, luminance
 NORMAL_LENGTH, DOT_RADIUS = 1.18, 0.022
 # From the middle to each of the two plots.
 HALF_GAP = 1.2
+# Pixels, with room for so many lobes in the legend; each further one adds a row.
+WIDTH, HEIGHT, ROWS = 1280, 720, 6
+# What the camera sees of it: half of its height, and its lower edge.
+HALF_HEIGHT, LOWEST = 1.42, -0.77
 # The camera looks across the plane of wo and z, from this elevation.
 ELEVATION = math.radians(24.0)
 CIRCLE = 120
@@ -64,7 +69,14 @@ def texel_scene(
         ),
         *_samples(measured, scale, right_at),
     ]
-    return Scene(_title(name, wo), tuple(parts), _legend(texel, largest, measured), _view(right))
+    height = HEIGHT + ROW_HEIGHT * max(0, len(values) - ROWS)
+    return Scene(
+        _title(name, wo),
+        tuple(parts),
+        _legend(texel, largest, measured),
+        _view(right, height),
+        (WIDTH, height),
+    )
 
 
 def _title(name: str, wo: Tensor) -> str:
@@ -79,12 +91,13 @@ def _right(wo: Tensor) -> Floats:
     return np.array([unit[0], unit[1], 0.0])
 
 
-def _view(right: Floats) -> View:
-    """A camera that sees both plots side by side, `right` rightwards."""
+def _view(right: Floats, height: int) -> View:
+    """A camera that sees both plots side by side, `right` rightwards, at the lower edge."""
     back = np.array([right[1], -right[0], 0.0])
     direction = math.cos(ELEVATION) * back + math.sin(ELEVATION) * np.array([0.0, 0.0, 1.0])
-    focus = np.array([0.0, 0.0, 0.71])
-    return View(focus, direction, np.array([0.0, 0.0, 1.0]), 1.42)
+    half = HALF_HEIGHT * height / HEIGHT
+    focus = np.array([0.0, 0.0, (LOWEST + half) / math.cos(ELEVATION)])
+    return View(focus, direction, np.array([0.0, 0.0, 1.0]), half)
 
 
 def _ground(at: Floats, right: Floats, wo: Tensor, caption: str) -> list[Part]:
@@ -100,7 +113,7 @@ def _ground(at: Floats, right: Floats, wo: Tensor, caption: str) -> list[Part]:
         Lines(circles, LINE),
         Lines(cross, LINE),
         Arrow(at, tip, TEXT),
-        Word("view", at + tip + 0.09 * up, 0.075, right, up),
+        Word("view", at + tip + 0.07 * up + 0.13 * right, 0.075, right, up),
         Word(caption, at - 1.22 * back - 0.06 * up, 0.095, right, up, QUIET),
     ]
 

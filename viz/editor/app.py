@@ -7,22 +7,18 @@ a slider that moves faster than pictures come never waits in a queue.
 from __future__ import annotations
 
 import asyncio
-import tempfile
 import time
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...device import full_precision
-from ...edit.mask_options import ClusterMask, Mask
 from ...errors import SPMMError
-from .brush import Point, painted, picture_mask, rectangle_between, texel_under
+from .drawing import Drawing
 from .lobe_cache import Stopped
 from .page import build_page
-from .preview import SIZE, Preview, jpeg_uri, png_uri, selection_codes
+from .preview import SIZE, Preview, jpeg_uri, png_uri
 from .session import Session
 from .sliders import SLIDERS
 from .stage import Setting, first_setting
@@ -53,21 +49,21 @@ class EditorApp:
 
     Args:
         session: what is edited.
+        folder: for pictures of selections, as long as the editor runs.
         save_name: what the folder to save as is called at first.
         size: pixels along each side of the pictures.
     """
 
-    def __init__(self, session: Session, save_name: str = "", size: int = SIZE) -> None:
+    def __init__(
+        self, session: Session, folder: Path, save_name: str = "", size: int = SIZE
+    ) -> None:
         from trame.app import get_server
 
-        self.session = session
+        self.session, self.drawing = session, Drawing(session, folder)
         self.preview = Preview(session.original, first_setting(session.original), size)
         self.server = get_server(f"spmm_edit_{id(self)}", client_type="vue3")
         self.state = self.server.state
         self.changed = asyncio.Event()
-        self._folder = tempfile.TemporaryDirectory(prefix="spmm_edit_")
-        self._start: Point | None = None
-        self._paint: np.ndarray | None = None
         self._fill_state(save_name)
         self._connect()
         build_page(self)
@@ -122,37 +118,23 @@ class EditorApp:
     def choose_tool(self, tool: str) -> None:
         """A button of the selection."""
         self.state.tool = tool
-        if tool == "all":
-            self._paint = None
-            self.session.select(None)
+        self.drawing.choose(tool)
 
     @answered
     def press(self, x: float, y: float) -> None:
         """The pointer went down on the texture."""
-        self._start = (x, y)
-        model, tool = self.session.original, self.state.tool
-        if tool == "cluster":
-            texel = texel_under((x, y), model.height, model.width)
-            self.session.select(ClusterMask((int(model.labels[texel]),)))
-        elif tool in ("paint", "erase") and self._paint is None:
-            self._paint = self._shares()
-        self._drag((x, y))
+        self.drawing.brush = float(self.state.brush)
+        self.drawing.press((x, y))
 
     @answered
     def drag(self, x: float, y: float) -> None:
         """The pointer moves while it is down."""
-        self._drag((x, y))
+        self.drawing.drag((x, y))
 
     @answered
     def drop(self, x: float, y: float) -> None:
-        """The pointer went up: what was drawn is selected."""
-        model, tool = self.session.original, self.state.tool
-        if tool == "rectangle" and self._start is not None:
-            corners = (self._start, (x, y))
-            self.session.select(rectangle_between(*corners, model.height, model.width))
-        elif self._paint is not None:
-            self.session.select(picture_mask(self._paint, Path(self._folder.name)))
-        self._start = self._paint = None
+        """The pointer went up."""
+        self.drawing.drop((x, y))
 
     def show_session(self) -> None:
         """Brings the page in step with the session."""
@@ -162,8 +144,7 @@ class EditorApp:
         state.script = session.script.to_yaml() if session.script.steps else ""
         where = "the whole texture" if session.mask is None else "the selection"
         state.selected = f"Edits of {where}"
-        if self._paint is None:
-            self._show_slice(session.mask)
+        state.slice_image = png_uri(self.drawing.picture())
 
     def _fill_state(self, save_name: str) -> None:
         """Everything that the page names, before it is built."""
@@ -176,8 +157,8 @@ class EditorApp:
                 "title": f"{name}, {self.session.original.width} × {self.session.original.height}",
                 "save_name": save_name,
                 "typed": "",
-                "tool": "all",
-                "brush": 0.08,
+                "tool": self.drawing.tool,
+                "brush": self.drawing.brush,
                 "shape": setting.shape,
                 "repeat": setting.repeat,
                 "light_theta": light_theta,
@@ -203,6 +184,7 @@ class EditorApp:
 
     def _start_worker(self, **_: Any) -> None:
         self._worker = asyncio.get_running_loop().create_task(self._work())
+        self._worker.add_done_callback(lambda task: task.result())  # a bug is told, not swallowed
         self.changed.set()
 
     def _on_sliders(self, **_: Any) -> None:
@@ -271,31 +253,3 @@ class EditorApp:
             "original_image": jpeg_uri(self.preview.original),
             "edited_image": jpeg_uri(codes),
         }
-
-    def _drag(self, at: Point) -> None:
-        """Shows what is being drawn."""
-        model, tool = self.session.original, self.state.tool
-        if tool == "rectangle" and self._start is not None:
-            self._show_slice(rectangle_between(self._start, at, model.height, model.width))
-        elif self._paint is not None:
-            self._paint = painted(self._paint, at, self.state.brush, tool == "erase")
-            self._show_shares(self._paint)
-
-    def _shares(self) -> np.ndarray:
-        """The selection as a picture `[H, W]`, to paint on; empty where all is selected."""
-        model, mask = self.session.original, self.session.mask
-        if mask is None:
-            return np.zeros((model.height, model.width), dtype=np.float32)
-        texels = mask.select(model).texels
-        return texels.view(model.height, model.width).cpu().numpy().astype(np.float32)
-
-    def _show_slice(self, mask: Mask | None) -> None:
-        model = self.session.original
-        share = None if mask is None else mask.select(model).texels
-        self.state.slice_image = png_uri(selection_codes(model, share))
-
-    def _show_shares(self, shares: np.ndarray) -> None:
-        import torch
-
-        share = torch.from_numpy(shares).flatten()
-        self.state.slice_image = png_uri(selection_codes(self.session.original, share))

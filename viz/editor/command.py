@@ -6,6 +6,8 @@ import argparse
 import os
 import socket
 import sys
+import tempfile
+from pathlib import Path
 
 import torch
 
@@ -63,9 +65,10 @@ def edit(options: argparse.Namespace) -> None:
     from .app import EditorApp
 
     leave_a_core()
-    app = EditorApp(session, options.output, options.size)
-    print(f"The editor is at http://{options.host}:{port}/ ; stop it with Ctrl+C.", flush=True)
-    app.run(options.host, port, not options.no_browser)
+    with tempfile.TemporaryDirectory(prefix="spmm_edit_") as folder:
+        app = EditorApp(session, Path(folder), options.output, options.size)
+        print(f"The editor is at http://{options.host}:{port}/ ; stop it with Ctrl+C.", flush=True)
+        app.run(options.host, port, not options.no_browser)
 
 
 def free_port(host: str) -> int:

@@ -6,19 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 from ..html import css
 from ..palette import LINE, PAGE, QUIET, TEXT
+from .drawing import TOOLS
 from .sliders import SLIDERS
 from .stage import MAX_REPEAT, SHAPES
 
 if TYPE_CHECKING:
     from .app import EditorApp
 
-TOOLS = (
-    ("all", "all"),
-    ("rectangle", "rectangle"),
-    ("paint", "paint"),
-    ("erase", "erase"),
-    ("cluster", "cluster"),
-)
 # Angles of light and view: key, title, low, high.
 ANGLES = (
     ("light_theta", "Light, polar", 0, 85),
@@ -118,9 +112,9 @@ def _selection(app: EditorApp) -> None:
     with html.Div(classes="card"):
         html.H2("Selection")
         with html.Div(classes="tools"):
-            for tool, title in TOOLS:
+            for tool in TOOLS:
                 html.Button(
-                    title,
+                    tool,
                     id=f"tool_{tool}",
                     click=(app.choose_tool, f"['{tool}']"),
                     classes=(f"tool === '{tool}' ? 'on' : ''",),

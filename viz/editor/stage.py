@@ -45,8 +45,8 @@ class Setting:
 
     shape: str = "sphere"
     repeat: float = 1.0
-    light: tuple[float, float] = (35.0, 120.0)
-    view: tuple[float, float] = (0.0, 0.0)
+    light: tuple[float, float] = (30.0, 120.0)
+    view: tuple[float, float] = (25.0, -70.0)
 
     def __post_init__(self) -> None:
         if self.shape not in SHAPES:

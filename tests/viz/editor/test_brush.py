@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from spmm_torch import SPMM
-from spmm_torch.edit.mask_options import RectangleMask
+from spmm_torch.edit.mask_options import ClusterMask, RectangleMask
 from spmm_torch.viz.editor.brush import painted, picture_mask, rectangle_between, texel_under
+from spmm_torch.viz.editor.drawing import Drawing
+from spmm_torch.viz.editor.session import Session
 
 
 @pytest.mark.parametrize("corners", [((0.1, 0.2), (0.6, 0.9)), ((0.6, 0.9), (0.1, 0.2))])
@@ -45,3 +47,51 @@ def test_painted_masks_are_pictures_named_by_content(model: SPMM, tmp_path: Path
     selected = mask.select(model).texels
     assert selected is not None
     assert selected.nonzero().flatten().tolist() == [19]
+
+
+@pytest.fixture
+def drawing(run: Path, tmp_path: Path) -> Drawing:
+    return Drawing(Session.open(run), tmp_path)
+
+
+def test_a_rectangle_is_shown_while_it_is_dragged_and_selected_at_the_end(
+    drawing: Drawing,
+) -> None:
+    plain = drawing.picture()
+    drawing.choose("rectangle")
+    drawing.drag((0.9, 0.9))  # nothing is pressed yet
+    assert np.array_equal(drawing.picture(), plain)
+    drawing.press((0.1, 0.1))
+    drawing.drag((0.4, 0.2))
+    assert not np.array_equal(drawing.picture(), plain)
+    assert drawing.session.mask is None
+    drawing.drop((0.6, 0.3))
+    assert drawing.session.mask == RectangleMask(0, 0, 5, 3)
+    drawing.choose("all")
+    assert drawing.session.mask is None
+    assert np.array_equal(drawing.picture(), plain)
+
+
+def test_painting_adds_to_the_selection_and_erasing_takes_away(drawing: Drawing) -> None:
+    drawing.brush = 0.07
+    selected = []
+    for tool, at in (("paint", (0.2, 0.2)), ("paint", (0.8, 0.8)), ("erase", (0.2, 0.2))):
+        drawing.choose(tool)
+        drawing.press(at)
+        drawing.drop(at)
+        mask = drawing.session.mask
+        assert mask is not None
+        texels = mask.select(drawing.session.original).texels
+        assert texels is not None
+        selected.append({int(texel) for texel in texels.nonzero()})
+    first, both, second = selected
+    assert 9 in first
+    assert first < both
+    assert second == both - first
+
+
+def test_a_click_selects_the_cluster_under_it(drawing: Drawing) -> None:
+    drawing.choose("cluster")
+    drawing.press((0.9, 0.5))
+    drawing.drop((0.9, 0.5))
+    assert drawing.session.mask == ClusterMask((1,))

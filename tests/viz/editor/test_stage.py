@@ -94,7 +94,7 @@ def test_edits_of_weights_evaluate_no_lobe(model: SPMM) -> None:
 
 
 def test_texel_centres_of_a_plane_are_the_model(model: SPMM) -> None:
-    setting = Setting("plane", light=(30.0, 10.0))
+    setting = Setting("plane", light=(30.0, 10.0), view=(0.0, 0.0))
     picture = Stage(model, setting, 64).picture(model)
     theta, phi = torch.deg2rad(torch.tensor([30.0, 10.0], dtype=torch.float64))
     wi = direction_from_angles(theta, phi).float()
@@ -116,7 +116,7 @@ def test_an_unwanted_picture_is_given_up_and_changes_nothing(model: SPMM) -> Non
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_shapes_cover_what_they_should(model: SPMM, shape: str) -> None:
-    stage = Stage(model, Setting(shape), 64)
+    stage = Stage(model, Setting(shape, view=(0.0, 0.0)), 64)
     whole = {"sphere": math.pi / 4.0, "cloth": 1.0, "plane": 1.0}[shape] / HALF_WIDTH**2
     assert float(stage.coverage.mean()) == pytest.approx(whole, rel=0.05)
     assert bool(((stage.coverage >= 0.0) & (stage.coverage <= 1.0)).all())
