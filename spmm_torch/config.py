@@ -38,12 +38,40 @@ class DataConfig:
         "included in all others",
         choices=("auto", "included", "missing"),
     )
+    negative: str = setting(
+        "refuse",
+        "values below zero, such as noise after dark-frame subtraction: refuse, clip to zero, keep",
+        choices=("refuse", "clip", "keep"),
+    )
+    missing: str = setting(
+        "refuse",
+        "pairs of directions without a picture: refuse them, or mask them: they then count nowhere",
+        choices=("refuse", "mask"),
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
     )
     texels: int | None = setting(None, "take about so many texels, spread evenly", low=1)
     directions: str | None = setting(
         None, "take every K-th ring, polar angles (0,30,60), or indices (views=0-8;lights=0,4)"
+    )
+
+
+@dataclass(frozen=True)
+class WeightsConfig:
+    """How much an error counts, by texel and direction pair; as much everywhere by default."""
+
+    scene: str | None = setting(None, "scene (YAML) by whose pictures errors count")
+    file: str | None = setting(
+        None, "NPZ of weights: pair [views, lights], texel [height, width], or one of them"
+    )
+    floor: float = setting(
+        0.05, "share of those weights that is spread evenly over all values", low=0.0, high=1.0
+    )
+    error: str = setting(
+        "l2",
+        "l2: squared errors (paper); cube-root, log: squared errors of compressed values, about",
+        choices=("l2", "cube-root", "log"),
     )
 
 
@@ -80,7 +108,11 @@ class SearchConfig:
         None, "starts a new lobe is tried from; null: as many as fill a batch, 8 at most", low=1
     )
     min_width: float = setting(
-        0.125, "narrowest lobe, in units of the angle between measured directions", low=0.0, high=4
+        0.25,
+        "narrowest lobe, in units of the angle between measured directions; half of it where the "
+        "samples are exact sums of few lobes",
+        low=0.0,
+        high=4,
     )
     bank_normals: int | None = setting(
         None, "normals of the bank of candidate lobes; null: 120 for few samples, else 64", low=1
@@ -151,6 +183,7 @@ class FitConfig:
     """All settings of a fit; the defaults are `configs/default.yaml`."""
 
     data: DataConfig = field(default_factory=DataConfig)
+    weights: WeightsConfig = field(default_factory=WeightsConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     sample: SampleConfig = field(default_factory=SampleConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
@@ -158,6 +191,9 @@ class FitConfig:
     dictionary: DictionaryConfig = field(default_factory=DictionaryConfig)
     select: SelectConfig = field(default_factory=SelectConfig)
     residual: ResidualConfig = field(default_factory=ResidualConfig)
+    auto: bool = setting(
+        False, "leave out models and lobes that do not pay for their bytes on held-out directions"
+    )
     seed: int = setting(0, "seed of every random choice", low=0)
     device: str = setting("auto", "auto, cpu, cuda or cuda:N")
 

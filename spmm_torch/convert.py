@@ -9,6 +9,7 @@ from pathlib import Path
 
 from .data import BTF, load_btf
 from .data.btf import DISPLAY_GAMMA
+from .data.options import NEGATIVES
 from .data.store import Progress as Report
 from .data.ubo2014.write import DEFAULT_COMPONENTS, write_ubo2014
 from .data.writers import write_exr_folder, write_npz, write_ubo2003
@@ -83,6 +84,12 @@ def parser() -> argparse.ArgumentParser:
         default=DISPLAY_GAMMA,
         help="exponent that makes 8-bit codes linear, of INPUT and of OUT (default: %(default)s)",
     )
+    result.add_argument(
+        "--negative",
+        choices=NEGATIVES,
+        default="refuse",
+        help="values of INPUT below zero: refuse, clip to zero, or keep (default: %(default)s)",
+    )
     result.add_argument("--png", action="store_true", help="UBO2003 zip: PNG instead of JPEG")
     result.add_argument(
         "--quality", type=int, default=QUALITY, help="UBO2003 zip: of JPEGs (default: %(default)s)"
@@ -109,7 +116,7 @@ def convert(options: argparse.Namespace) -> Path:
         raise OutputError(f"{target} exists; expected a new name; choose one or remove it.")
     unit, write = WRITERS[options.format or format_of(options.output)]
     progress = Progress()
-    btf = load_btf(options.input, gamma=options.gamma)
+    btf = load_btf(options.input, gamma=options.gamma, negative=options.negative)
     with progress.stage("load", len(btf.view), "views") as stage:
         btf.load(stage.to, memory=int(DEFAULT_SHARE * free_memory()))
     total = len(btf.view) if unit == "views" else btf.texel_count

@@ -36,13 +36,22 @@ def resolve_device(name: str) -> torch.device:
 
 @contextmanager
 def full_precision() -> Iterator[None]:
-    """No TF32 in matrix products: its 10 bits would drown small lobes in rounding."""
-    allowed = torch.backends.cuda.matmul.allow_tf32
-    torch.backends.cuda.matmul.allow_tf32 = False
+    """Neither TF32 nor bfloat16 in matrix products, whatever the process has asked for.
+
+    Their 10 and 8 bits would drown small lobes in rounding. `set_float32_matmul_precision`, which
+    programs call for the sake of networks, turns on TF32 on a GPU and bfloat16 on some CPUs;
+    autocast does so for the operations under it.
+    """
+    products = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul)
+    before = [product.fp32_precision for product in products]
     try:
-        yield
+        for product in products:
+            product.fp32_precision = "ieee"
+        with torch.autocast("cpu", enabled=False), torch.autocast("cuda", enabled=False):
+            yield
     finally:
-        torch.backends.cuda.matmul.allow_tf32 = allowed
+        for product, precision in zip(products, before, strict=True):
+            product.fp32_precision = precision
 
 
 def local_device(name: str) -> str:

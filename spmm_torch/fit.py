@@ -20,12 +20,16 @@ from .data import BTF, Selection, load_btf
 from .data.cache import default_folder
 from .device import full_precision, local_device, resolve_device
 from .errors import SPMMError
+from .evaluate import Likeness, likeness, sphere_section
+from .fit_options import assignments, parser
+from .fit_steps import Steps
 from .memory import Budget, parse_size
 from .metrics import Totals
 from .model import SPMM
-from .progress import Progress, Stage
-from .ranks import ALONE, Ranks, joined_ranks, local_count, speaks
-from .report.summary import headline, summarize
+from .progress import Progress
+from .ranks import joined_ranks, local_count, speaks
+from .report.summary import headline, summarize, warning_of_failed_starts
+from .resources import Resources
 from .run_folder import (
     LOG,
     REPORT_PAGE,
@@ -36,15 +40,18 @@ from .run_folder import (
     remove_leftovers,
     write_run,
 )
-from .schema import describe
 from .stages.assemble import assemble, warning_of_fewer_clusters
-from .stages.cluster import Clusters, cluster_texels, sample_texels
+from .stages.auto import Choice, auto_texels
+from .stages.cluster import Clusters, sample_texels
 from .stages.dictionary import FoundLobes, build_dictionary
 from .stages.grid import DirectionGrid
+from .stages.missing import MissingPairs
 from .stages.plan import estimate
-from .stages.search import search_lobes, search_steps
+from .stages.search import search_steps
 from .stages.texels import Setting, fit_texels
 from .stopwatch import Stopwatch
+from .weighting import compressive_weights, given_weights
+from .weights import Weights
 
 # Exit code of a command that Ctrl-C has ended, as shells give it.
 STOPPED = 130
@@ -58,28 +65,13 @@ class FitResult:
         model: the mixture model, on the CPU.
         report: the figures of `report.json`.
         info: `labels [T]`, `samples [S]` and the number of `lobes_found`.
+        likeness: the sphere pictures and their MSSIM; None where they were not asked for.
     """
 
     model: SPMM
     report: dict[str, Any]
     info: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Resources:
-    """With what a fit works; nothing here changes its result.
-
-    Attributes:
-        memory: bytes that the process may take; None: half of what is free.
-        cache: folder for decoded values; None: the user's own, only for what exceeds the memory.
-        state: folder in which finished stages are kept, to go on from; None: nowhere.
-        ranks: the processes that share the fit.
-    """
-
-    memory: int | None = None
-    cache: Path | None = None
-    state: Path | None = None
-    ranks: Ranks = ALONE
+    likeness: Likeness | None = None
 
 
 def fit(
@@ -87,6 +79,8 @@ def fit(
     config: FitConfig | None = None,
     progress: Progress | None = None,
     resources: Resources | None = None,
+    render: bool = True,
+    weights: Weights | None = None,
 ) -> FitResult:
     """Fits a model to a BTF [WDR11 §3.2, §4.1].
 
@@ -95,6 +89,8 @@ def fit(
         config: settings; the defaults are those of `configs/default.yaml`.
         progress: who is told how far it is; nobody by default.
         resources: with what to work.
+        render: whether to compare pictures of both, which `mssim` of the report is from.
+        weights: how much errors count; None: as the settings say.
 
     Raises:
         DataError: the BTF cannot be decoded or is not valid.
@@ -106,74 +102,71 @@ def fit(
     resources = resources or Resources()
     ranks = resources.ranks
     device = resolve_device(config.device)
-    watch = Stopwatch(device)
+    watch = resources.watch or Stopwatch(device)
     checkpoint = Checkpoint(watch, resources.state, ranks)
     plan = estimate(btf, config, device)
     budget = Budget.build(resources.memory, plan.working_bytes, local_count())
+    weights = given_weights(btf, config.weights) if weights is None else weights
     cache = resources.cache or (None if ranks.size == 1 else default_folder())
     progress.say(plan.describe(budget, cached=cache is not None))
     with torch.no_grad(), full_precision(), watch("total"):
         with watch("load"), progress.stage("load", len(btf.view), "views") as stage:
             btf.load(stage.to, memory=budget.spare, cache=cache)
+        weights = weights.times(compressive_weights(btf, config.weights.error, device, ranks))
+        steps = Steps(btf, config, weights, device, watch, ranks)
         with progress.stage("cluster", 2 * btf.texel_count, "texels") as stage:
-            clusters = checkpoint.once(
-                "cluster", Clusters, lambda: _cluster(btf, config, device, watch, stage, ranks)
-            )
+            clusters = checkpoint.once("cluster", Clusters, lambda: steps.cluster(stage))
         count = len(clusters.members)
         if warning := warning_of_fewer_clusters(count, config.cluster.count, btf.texel_count):
             progress.say(warning)
         samples, owners = sample_texels(
-            clusters, config.sample, stage_generator(config.seed, "sample")
+            clusters, config.sample, stage_generator(config.seed, "sample"), weights
         )
-        grid = DirectionGrid.build(btf.light, btf.view, device)
-        steps = search_steps(config, len(samples))
-        with progress.stage("search", steps, "steps") as stage:
+        steps, choice = _chosen(steps, samples, checkpoint, progress)
+        config = steps.config
+        grid = DirectionGrid.build(btf.light, btf.view, device, weights.scale(device))
+        with progress.stage("search", search_steps(config, len(samples)), "steps") as stage:
             found = checkpoint.once(
-                "search",
-                FoundLobes,
-                lambda: _search(btf, samples, owners, grid, config, watch, stage, ranks),
+                "search", FoundLobes, lambda: steps.search(samples, owners, grid, stage)
             )
         with watch("dictionary"):
             dictionary = build_dictionary(found, count, grid, config.dictionary)
         with progress.stage("select", btf.texel_count, "texels") as stage:
             spare = budget.spare - plan.kept_bytes(budget, cached=cache is not None)
-            setting = Setting(btf, dictionary, config, watch, spare, ranks)
+            gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
+            setting = Setting(btf, dictionary, config, watch, spare, ranks, weights, gaps)
             fits = fit_texels(setting, clusters.members, checkpoint, stage)
         model = assemble(btf, clusters, dictionary.lobes, fits)
+        worth = steps.worth(clusters, dictionary)
+        pictures = None
+        if render and ranks.is_first:
+            with watch("evaluate"), progress.stage("render"):
+                pictures = likeness(model, btf, device)
     totals = Totals.sum(part.totals for part in fits)
-    report = summarize(btf, model, totals, watch.seconds, config.seed, device)
+    weighted = [part.weighted for part in fits if part.weighted is not None]
+    report = summarize(btf, model, totals, watch.seconds, config.seed, device, found.starts)
+    if warning := warning_of_failed_starts(found.starts):
+        progress.say(warning)
+    if pictures is not None:
+        report["mssim"] = pictures.mssim
+    report["weighted_snr_db"] = Totals.sum(weighted).snr_db() if weighted else None
+    report["error_without_model"] = worth
+    report["auto"] = choice.report() if choice else None
     info = {"labels": clusters.labels, "samples": samples, "lobes_found": len(found.lobes)}
-    return FitResult(model, report, info)
+    return FitResult(model, report, info, pictures)
 
 
-def _cluster(
-    btf: BTF,
-    config: FitConfig,
-    device: torch.device,
-    watch: Stopwatch,
-    stage: Stage,
-    ranks: Ranks,
-) -> Clusters:
-    generator = stage_generator(config.seed, "cluster")
-    with watch("cluster"):
-        return cluster_texels(btf, config.cluster, generator, device, stage, ranks)
-
-
-def _search(
-    btf: BTF,
-    samples: Tensor,
-    owners: Tensor,
-    grid: DirectionGrid,
-    config: FitConfig,
-    watch: Stopwatch,
-    stage: Stage,
-    ranks: Ranks,
-) -> FoundLobes:
-    generator = stage_generator(config.seed, "search")
-    with watch("search"):
-        return ranks.first(
-            lambda: search_lobes(btf, samples, owners, grid, config, generator, stage).on_cpu()
-        )
+def _chosen(
+    steps: Steps, samples: Tensor, checkpoint: Checkpoint, progress: Progress
+) -> tuple[Steps, Choice | None]:
+    """The steps with what pays only, if the settings want that."""
+    if not steps.config.auto:
+        return steps, None
+    total = search_steps(steps.config, auto_texels(len(samples)))
+    with progress.stage("auto", total, "steps") as stage:
+        choice = checkpoint.once("auto", Choice, lambda: steps.choose(samples, stage))
+    progress.say(choice.describe(steps.config))
+    return replace(steps, config=choice.applied(steps.config)), choice
 
 
 def with_lobe_limit(config: FitConfig) -> FitConfig:
@@ -207,39 +200,6 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def parser() -> argparse.ArgumentParser:
-    """The options of `spmm fit`."""
-    rows = "\n".join(
-        f"  {key} ({default}): {meaning}" for key, default, meaning in describe(FitConfig)
-    )
-    result = argparse.ArgumentParser(
-        prog="spmm fit",
-        description="Fit a sparse parametric mixture model to a BTF. Start it with torchrun to "
-        "share the work among processes.",
-        epilog=f"settings for --config and --set, with their defaults:\n{rows}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    add = result.add_argument
-    add("input", help="zip or folder of pictures (UBO2003, ATRIUM, OpenEXR), UBO2014 .btf, or NPZ")
-    add("-o", "--output", required=True, metavar="RUN", help="folder to make")
-    add("--config", metavar="YAML", help="settings; default: configs/default.yaml")
-    add("--set", action="append", default=[], metavar="KEY=VALUE", help="one setting, repeatable")
-    add("--device", help="auto, cpu, cuda or cuda:N")
-    add("--seed", type=int, help="seed of every random choice")
-    add("--crop", metavar="X0,Y0,W,H", help="fit this rectangle of texels only")
-    add("--texels", type=int, metavar="N", help="fit about N texels only, spread over the picture")
-    add(
-        "--directions",
-        metavar="K",
-        help="fit every K-th ring of directions; or polar angles such "
-        "as 0,30,60; or indices such as 'views=0-8;lights=0,4'",
-    )
-    add("--resume", action="store_true", help="go on with a run that was stopped")
-    add("--max-memory", metavar="SIZE", help="such as 4GB; default: half of what is free")
-    add("--cache", metavar="FOLDER", help="keep decoded values here, for later runs too")
-    return result
-
-
 def run_fit(options: argparse.Namespace) -> Path:
     """Fits as the command line asks and leaves a run folder, whole or not at all.
 
@@ -249,7 +209,7 @@ def run_fit(options: argparse.Namespace) -> Path:
         remove_leftovers(options.output)
         return Path(options.output)
     config = FitConfig.from_yaml(options.config) if options.config else FitConfig()
-    config = config.override(options.set + _assignments(options))
+    config = config.override(options.set + assignments(options))
     config = replace(config, device=local_device(config.device))
     memory = parse_size(options.max_memory) if options.max_memory else None
     cache = Path(options.cache) if options.cache else None
@@ -258,31 +218,25 @@ def run_fit(options: argparse.Namespace) -> Path:
         options.input,
         gamma=data.gamma,
         cosine=data.cosine,
+        negative=data.negative,
+        missing=data.missing,
         selection=Selection(data.crop, data.texels, data.directions),
         seed=config.seed,
     )
+    weights = given_weights(btf, config.weights)
+    depends_on = fingerprint(btf, config) | {"weights": weights.digest()}
     with (
         joined_ranks(resolve_device(config.device)) as ranks,
-        new_run(options.output, fingerprint(btf, config), options.resume, ranks) as folder,
+        new_run(options.output, depends_on, options.resume, ranks) as folder,
     ):
         progress = Progress(log=folder / LOG if ranks.is_first else None, enabled=ranks.is_first)
-        result = fit(btf, config, progress, Resources(memory, cache, folder / STATE, ranks))
+        resources = Resources(memory, cache, folder / STATE, ranks)
+        result = fit(btf, config, progress, resources, not options.no_render, weights)
         if ranks.is_first:
-            write_run(folder, result.model, result.report, config, btf)
+            sections = [] if result.likeness is None else [sphere_section(result.likeness)]
+            write_run(folder, result.model, result.report, config, btf, sections)
             progress.say(headline(result.report))
     return Path(options.output)
-
-
-def _assignments(options: argparse.Namespace) -> list[str]:
-    """Settings that have an option of their own."""
-    given = {
-        "device": options.device,
-        "seed": options.seed,
-        "data.crop": f"[{options.crop}]" if options.crop else None,
-        "data.texels": options.texels,
-        "data.directions": f"'{options.directions}'" if options.directions else None,
-    }
-    return [f"{key}={value}" for key, value in given.items() if value is not None]
 
 
 if __name__ == "__main__":

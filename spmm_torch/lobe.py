@@ -15,6 +15,7 @@ from torch import Tensor
 
 from .brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
 from .brdf.base import above_horizon
+from .errors import DataError
 from .geometry import (
     disk_from_normal,
     frame_from_normal,
@@ -89,6 +90,9 @@ class LobeBatch:
         Returns:
             `[J, ...]`, in 1/sr, with the factor n_j . wi; 0 where wi or wo is under the lobe's
             horizon or the texel's.
+
+        Raises:
+            DataError: lobes or directions in float16 or bfloat16.
         """
         blocks = list(self._blocks(wi, wo))
         if not blocks:
@@ -119,6 +123,16 @@ class LobeBatch:
                 yield index, eval_model(model, kappa, normal, angle, part_wi, part_wo)
 
 
+def _check_precision(*tensors: Tensor) -> None:
+    """Raises DataError where any of the tensors has less than the 24 bits of float32."""
+    for tensor in tensors:
+        if tensor.dtype in (torch.float16, torch.bfloat16):
+            raise DataError(
+                f"lobes were asked for in {tensor.dtype}, too coarse for directions: narrow lobes "
+                f"would be missed; expected float32 or float64; convert with .float()."
+            )
+
+
 def eval_model(
     model: int, kappa: Tensor, normal: Tensor, angle: Tensor, wi: Tensor, wo: Tensor
 ) -> Tensor:
@@ -126,6 +140,7 @@ def eval_model(
 
     Fastest where each component of wi and wo is contiguous.
     """
+    _check_precision(kappa, wi, wo)
     rotation = frame_from_normal(normal, angle)  # [J, 3, 3]
     local_wi, local_wo = rotate(rotation, wi), rotate(rotation, wo)
     middle = max(wi.ndim, wo.ndim) - 2

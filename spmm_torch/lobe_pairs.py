@@ -20,8 +20,8 @@ SHORTEST_ROW, LONGEST_ROW = 8, 128
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """Pairs in rows of one lobe each, the last pair of a lobe repeated to fill its last row.
+class PairRows:
+    """N (lobe, query) pairs in rows of one lobe each; its last pair is repeated to fill its row.
 
     Attributes:
         lobe: of each row, `[G]`, rows of one model after another.
@@ -34,7 +34,7 @@ class _Rows:
     place: Tensor
 
     @classmethod
-    def build(cls, model: Tensor, lobe: Tensor, query: Tensor) -> _Rows:
+    def build(cls, model: Tensor, lobe: Tensor, query: Tensor) -> PairRows:
         """Rows of pairs `lobe [N]`, `query [N]` of lobes of `model [J]`."""
         by_model = torch.argsort(model, stable=True).to(lobe.device)  # [J]
         rank = torch.empty_like(by_model)
@@ -57,8 +57,14 @@ class _Rows:
         in_order = query.index_select(0, order).index_select(0, pair.flatten())
         return cls(by_model[owner], in_order.view_as(pair), place + shift)
 
-    def blocks(self, model: Tensor, size: int) -> Iterator[tuple[int, slice]]:
-        """(model, rows) of at most `size` rows each; `model [J]` of the lobes."""
+    def spread(self, parts: list[Tensor]) -> Tensor:
+        """Values `[N]` of the pairs, of values `[g, S]` of the rows, block after block."""
+        return torch.cat(parts).flatten().index_select(0, self.place)
+
+    def blocks(self, model: Tensor) -> Iterator[tuple[int, slice]]:
+        """(model, rows) of blocks of one model that fit the cache; `model [J]` of the lobes."""
+        budget = CUDA_BLOCK if self.lobe.is_cuda else CPU_BLOCK
+        size = max(1, budget // self.query.shape[1])
         models, counts = torch.unique_consecutive(
             model.to(self.lobe.device)[self.lobe], return_counts=True
         )
@@ -83,20 +89,19 @@ def eval_pairs(lobes: LobeBatch, lobe: Tensor, query: Tensor, wi: Tensor, wo: Te
     """
     if not len(lobe):
         return wi.new_zeros(0)
-    rows = _Rows.build(lobes.model, lobe, query)
-    budget = CUDA_BLOCK if wi.is_cuda else CPU_BLOCK
+    rows = PairRows.build(lobes.model, lobe, query)
     wi, wo = wi.T.contiguous(), wo.T.contiguous()  # [3, Q]
     parts = []
-    for model, block in rows.blocks(lobes.model, max(1, budget // rows.query.shape[1])):
+    for model, block in rows.blocks(lobes.model):
         owner = rows.lobe[block]
         parameters = (part.index_select(0, owner) for part in (lobes.kappa, lobes.normal))
         angle = lobes.angle.index_select(0, owner)
         at = rows.query[block]
-        parts.append(eval_model(model, *parameters, angle, _gather(wi, at), _gather(wo, at)))
-    return torch.cat(parts).flatten().index_select(0, rows.place)
+        parts.append(eval_model(model, *parameters, angle, gather(wi, at), gather(wo, at)))
+    return rows.spread(parts)
 
 
-def _gather(components: Tensor, index: Tensor) -> Tensor:
+def gather(components: Tensor, index: Tensor) -> Tensor:
     """Directions `[G, S, 3]` at `index [G, S]` of `components [3, Q]`, which stay contiguous."""
     flat = index.flatten()
     picked = torch.stack([part.index_select(0, flat) for part in components])

@@ -17,7 +17,8 @@ from torch import Tensor
 from .brdf import REGISTRY
 from .brdf.base import COS_EPS
 from .geometry import frame_from_normal
-from .lobe import LobeBatch
+from .lobe import LobeBatch, rotate
+from .lobe_pairs import PairRows, gather
 from .warp import square_to_uniform_hemisphere
 
 # A lobe is specular if, along one axis at least, its half vector's slope is below this (radians):
@@ -78,19 +79,26 @@ class LobeTable:
         wi = (local[:, None] @ frame)[:, 0]
         return torch.cat((wi[:, :2], wi[:, 2:].abs().clamp(min=LOWEST_Z)), dim=1)
 
-    def pdf(self, lobe: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-        """Density of `sample` at wi, `[N]`, in 1/sr; 0 where wi is under the texel's horizon."""
-        frame = self.frame.to(wo.dtype).index_select(0, lobe)  # [N, 3, 3]
-        local_wi, local_wo = (frame @ torch.stack((wi, wo), dim=-1)).unbind(-1)  # [N, 3]
-        local_wo = _raised(local_wo)
-        mirrored = local_wi - 2.0 * wi[:, 2:] * frame[:, :, 2]
-        density = torch.empty_like(wi[:, 0])
-        for model, rows in self._by_model(lobe):
-            kappa, view = self._kappa(lobe, rows).to(wo.dtype), local_wo.index_select(0, rows)
-            upper = REGISTRY[model].pdf(kappa, local_wi.index_select(0, rows), view)
-            lower = REGISTRY[model].pdf(kappa, mirrored.index_select(0, rows), view)
-            density[rows] = upper + lower
-        return density * (wi[:, 2] > 0.0)
+    def pdf(self, lobe: Tensor, query: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` at wi, in 1/sr; 0 where wi is under the texel's horizon.
+
+        Args:
+            lobe, query: of each pair, `[N]` long.
+            wi, wo: directions of Q queries, `[Q, 3]`.
+
+        Returns:
+            `[N]`.
+        """
+        if not len(lobe):
+            return wi.new_zeros(0)
+        rows = PairRows.build(self.model, lobe, query)
+        wi, wo = wi.T.contiguous(), wo.T.contiguous()  # [3, Q]
+        parts = []
+        for model, block in rows.blocks(self.model):
+            owner, at = rows.lobe[block], rows.query[block]
+            frame, kappa = (x.to(wo.dtype).index_select(0, owner) for x in (self.frame, self.kappa))
+            parts.append(_density(model, kappa[:, None], frame, gather(wi, at), gather(wo, at)))
+        return rows.spread(parts)
 
     def sees(self, lobe: Tensor, wo: Tensor) -> Tensor:
         """True where wo `[N, 3]` is above the horizons of the lobe `[N]` and the texel."""
@@ -115,13 +123,24 @@ class LobeTable:
                 yield model, rows
 
 
+def _density(model: int, kappa: Tensor, frame: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+    """`LobeTable.pdf` of rows: kappa `[G, 1, P]`, frame `[G, 3, 3]`, wi and wo `[G, S, 3]`."""
+    local_wi, local_wo = rotate(frame, wi), _raised(rotate(frame, wo))
+    mirrored = rotate(frame * frame.new_tensor((1.0, 1.0, -1.0)), wi)
+    upper = REGISTRY[model].pdf(kappa, local_wi, local_wo)
+    lower = REGISTRY[model].pdf(kappa, mirrored, local_wo)
+    return (upper + lower) * wi[..., 2].clamp(0.0, 1.0).ceil()
+
+
 def _raised(w: Tensor) -> Tensor:
-    """Views `[N, 3]` lifted above the horizon of their lobe, mirrored if need be.
+    """Views `[..., 3]` lifted above the horizon of their lobe, mirrored if need be.
 
     Right at the horizon float32 has lost the half vector; the BRDFs are level there too.
     """
-    z = w[:, 2:].abs().clamp(min=COS_EPS)
-    return torch.nn.functional.normalize(torch.cat((w[:, :2], z), dim=1), dim=1)
+    x, y, z = w.unbind(-1)
+    z = z.abs().clamp(min=COS_EPS)
+    length = torch.sqrt(x * x + y * y + z * z)
+    return torch.stack((x / length, y / length, z / length)).movedim(0, -1)
 
 
 def specular_mask(lobes: LobeBatch, width: float = SPECULAR_WIDTH) -> Tensor:
@@ -154,7 +173,8 @@ def lobe_intensity(lobes: LobeBatch, table: LobeTable, samples: int = INTENSITY_
         lobe = rows.to(wo.device).repeat_interleave(samples)
         view, choice = wo.repeat(len(rows), 1), u.repeat(len(rows), 1)
         wi = table.sample(lobe, view, choice)
-        density = table.pdf(lobe, wi, view).clamp(min=torch.finfo(wi.dtype).tiny)
+        query = torch.arange(len(lobe), device=wi.device)
+        density = table.pdf(lobe, query, wi, view).clamp(min=torch.finfo(wi.dtype).tiny)
         rho = lobes[rows].detach().eval(wi.view(len(rows), samples, 3), wo[None])
         parts.append((rho / density.view_as(rho)).mean(dim=1))
     return torch.cat(parts or [wo.new_zeros(0)]) / (2.0 * math.pi)

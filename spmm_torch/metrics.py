@@ -27,6 +27,11 @@ class Totals:
         """All four in their order; `Totals(*row)` takes them back."""
         return self.energy, self.without_residual, self.with_residual, self.cluster_mean
 
+    def snr_db(self) -> dict[str, float]:
+        """Signal-to-noise ratios by the name of each error."""
+        names = ("without_residual", "with_residual", "cluster_mean")
+        return {name: snr_db(self.energy, getattr(self, name)) for name in names}
+
     @staticmethod
     def sum(parts: Iterable[Totals]) -> Totals:
         """The totals of all parts together."""

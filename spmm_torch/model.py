@@ -13,6 +13,7 @@ from torch.nn.functional import embedding_bag
 
 from . import sampling, store
 from .brdf import MODEL_NAMES
+from .device import full_precision
 from .errors import OutputError
 from .geometry import texel_at
 from .lobe import LobeBatch
@@ -169,6 +170,7 @@ class SPMM(nn.Module):
         """The entries of all texels."""
         return SparseWeights(self.offset, self.index, self.weight)
 
+    @full_precision()
     def forward(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
         """Cosine-weighted reflectance [WDR11 Eq. 2].
 
@@ -203,6 +205,7 @@ class SPMM(nn.Module):
         ]
         return torch.cat(parts).view(*shape, self.weight.shape[1])
 
+    @full_precision()
     def sample(self, uv: Tensor, wo: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Light directions sampled by importance [WDR11 §6].
 
@@ -222,6 +225,7 @@ class SPMM(nn.Module):
         rgb = self(uv, wi, wo)
         return wi.view(*shape, 3), rgb.view(*shape, -1), density.view(shape)
 
+    @full_precision()
     @torch.no_grad()
     def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """The density of `sample` at wi, per solid angle: `[...]`; above 0 over the horizon."""
@@ -271,6 +275,7 @@ class SPMM(nn.Module):
             total = total + self.residual.blend(cluster, share, wi, wo)
         return total
 
+    @full_precision()
     def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
         """Every texel under one light and view `[3]`: `[H, W, C]`, row 0 at the top."""
         rho = self.dictionary.eval(wi[None, None], wo[None, None]).squeeze(1)  # [J]

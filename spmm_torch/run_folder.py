@@ -7,7 +7,7 @@ import fcntl
 import json
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from .errors import ConfigError, OutputError
 from .model import SPMM
 from .ranks import ALONE, Ranks
 from .report import write_html, write_report
+from .report.markup import Markup
 from .store import MODEL_FILE, write_atomic
 
 CONFIG, LOG, REPORT_PAGE = "config.yaml", "log.txt", "report.html"
@@ -187,10 +188,15 @@ def _unwritable(path: Path | str, error: OSError) -> OutputError:
 
 
 def write_run(
-    folder: Path, model: SPMM, report: dict[str, Any], config: FitConfig, btf: BTF
+    folder: Path,
+    model: SPMM,
+    report: dict[str, Any],
+    config: FitConfig,
+    btf: BTF,
+    sections: Sequence[Markup] = (),
 ) -> None:
-    """Writes model, settings and both reports into `folder`."""
+    """Writes model, settings and both reports into `folder`; `sections` go into the page."""
     write_atomic(folder / MODEL_FILE, model.pack())
     (folder / CONFIG).write_text(config.to_yaml(), encoding="utf-8")
     write_report(folder, report)
-    write_html(folder / REPORT_PAGE, report, model, btf)
+    write_html(folder / REPORT_PAGE, report, model, btf, sections)

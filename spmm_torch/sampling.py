@@ -199,12 +199,9 @@ def _pick(mixture: _Mixture, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def _density(data: SamplingData, mixture: _Mixture, wi: Tensor, wo: Tensor) -> Tensor:
     """`pdf` of Q queries, wi and wo `[Q, 3]`."""
-    query = mixture.query
-    density = mixture.mass * data.table.pdf(
-        mixture.lobe, wi.index_select(0, query), wo.index_select(0, query)
-    )
+    density = mixture.mass * data.table.pdf(mixture.lobe, mixture.query, wi, wo)
     cosine = mixture.cosine * square_to_cosine_hemisphere_pdf(wi)
-    return cosine.index_add(0, query, density)
+    return cosine.index_add(0, mixture.query, density)
 
 
 def residual_intensity(code: Tensor, scale: Tensor) -> Tensor:

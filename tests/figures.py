@@ -21,6 +21,8 @@ from spmm_torch.geometry import direction_pairs, ring_directions
 from spmm_torch.lobe import COORDINATES, LobeBatch, decode
 
 FOUR_LOBES = FitConfig.from_dict({"select": {"max_lobes": 4}})
+# Weights and offsets of the networks that hold the measured BRDFs, layer by layer.
+NETWORK = ("w1", "b1", "w2", "b2", "w3", "b3")
 MATERIALS = ("ROCKS64", "MOSS64", "TILES64", "WEAVE64")
 
 
@@ -29,19 +31,29 @@ def shared_data() -> Path:
     return Path(__file__).parents[2] / "shared" / "data"
 
 
-def measured_brdfs(every: int = 1) -> Iterator[tuple[str, BTF]]:
-    """Measured BRDFs as BTFs of one texel, evaluated from their small networks."""
-    directions = ring_directions()
+def measured_names() -> list[str]:
+    """Names of the measured BRDFs."""
     with np.load(shared_data() / "measured_brdfs.npz") as file:
-        names = [str(name) for name in file["names"]]
-        layers = [torch.from_numpy(file[key]).double() for key in ("w1", "b1", "w2", "b2")]
-        last = [torch.from_numpy(file[key]).double() for key in ("w3", "b3")]
+        return [str(name) for name in file["names"]]
+
+
+def measured_brdf(name: str, directions: Tensor) -> Tensor:
+    """Cosine-weighted values `[D, 3]` of a measured BRDF, from its small network, float64."""
+    index = measured_names().index(name)
+    with np.load(shared_data() / "measured_brdfs.npz") as file:
+        layers = [torch.from_numpy(file[key][index]).double() for key in NETWORK]
     inputs, cosine = _network_inputs(*direction_pairs(directions, directions))
-    for index in range(0, len(names), every):
-        x = torch.relu(inputs @ layers[0][index] + layers[1][index])
-        x = torch.relu(x @ layers[2][index] + layers[3][index])
-        value = (torch.exp(x @ last[0][index] + last[1][index]) - 1.0).clamp(min=0.0)
-        yield names[index], one_texel(value * cosine[:, None], directions, names[index])
+    x = torch.relu(inputs @ layers[0] + layers[1])
+    x = torch.relu(x @ layers[2] + layers[3])
+    value = (torch.exp(x @ layers[4] + layers[5]) - 1.0).clamp(min=0.0)
+    return value * cosine[:, None]
+
+
+def measured_brdfs(every: int = 1) -> Iterator[tuple[str, BTF]]:
+    """Measured BRDFs as BTFs of one texel."""
+    directions = ring_directions()
+    for name in measured_names()[::every]:
+        yield name, one_texel(measured_brdf(name, directions), directions, name)
 
 
 def _network_inputs(wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:

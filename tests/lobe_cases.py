@@ -59,7 +59,7 @@ class Case:
     def pdf(self, wi: Tensor) -> Tensor:
         """Density at wi `[N, 3]`."""
         first, wo = self._expanded(wi)
-        return self._table(wi).pdf(first, wi, wo)
+        return self._table(wi).pdf(first, torch.arange(len(first)), wi, wo)
 
     def rho(self, wi: Tensor) -> Tensor:
         """The lobe at wi `[N, 3]`."""

@@ -31,15 +31,28 @@ def test_each_rank_has_its_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
         assert [local_device(name) for name in NAMES] == [device, "cpu", device, "cuda:1"]
 
 
-@pytest.mark.parametrize("allowed", [False, True])
-def test_full_precision_is_for_a_while(allowed: bool) -> None:
-    matmul = torch.backends.cuda.matmul
-    before = matmul.allow_tf32
+def bits(precision: str) -> tuple[str, str]:
+    """How products of float32 are computed on GPU and CPU, if the process asks for `precision`."""
+    torch.set_float32_matmul_precision(precision)
+    return torch.backends.cuda.matmul.fp32_precision, torch.backends.mkldnn.matmul.fp32_precision
+
+
+@pytest.mark.parametrize("precision", ["highest", "high", "medium"])
+def test_full_precision_is_for_a_while(precision: str) -> None:
+    products = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul)
     try:
-        matmul.allow_tf32 = allowed
+        asked = bits(precision)
         with pytest.raises(RuntimeError, match="bug"), full_precision():
-            assert not matmul.allow_tf32
+            assert all(product.fp32_precision == "ieee" for product in products)
             raise RuntimeError("bug")
-        assert matmul.allow_tf32 == allowed
+        assert tuple(product.fp32_precision for product in products) == asked
+        assert torch.get_float32_matmul_precision() == precision
     finally:
-        matmul.allow_tf32 = before
+        torch.set_float32_matmul_precision("highest")
+
+
+def test_autocast_does_not_reach_into_it() -> None:
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert (torch.ones(2, 2) @ torch.ones(2, 2)).dtype == torch.bfloat16
+        with full_precision():
+            assert (torch.ones(2, 2) @ torch.ones(2, 2)).dtype == torch.float32

@@ -104,7 +104,7 @@ def check_errors(btf: BTF, result: FitResult) -> None:
 
 def test_planted_model_is_found() -> None:
     btf, truth = planted_btf()
-    result = fit(btf, FitConfig.from_dict({"device": "cpu", "cluster": {"count": 4}}))
+    result = fit(btf, FitConfig.from_dict({"device": "cpu", "cluster": {"count": 4}}), render=False)
     assert result.report["snr_db"]["without_residual"] >= 40.0
     assert result.report["mean_basis_per_texel"] <= sum(truth) / len(truth) + 1.0
     assert 40.0 <= result.report["snr_db"]["with_residual"] < math.inf  # it is stored as float16
@@ -114,7 +114,7 @@ def test_planted_model_is_found() -> None:
 def test_result() -> None:
     btf = noisy(3, 4)
     told = io.StringIO()
-    result = fit(btf, small(), Progress(told))
+    result = fit(btf, small(), Progress(told), render=False)
     check_errors(btf, result)
     report, model = result.report, result.model
     assert (report["texels"], report["direction_pairs"], report["clusters"]) == (12, 361, 4)
@@ -131,7 +131,7 @@ def test_result() -> None:
 def test_same_seed_same_bytes_and_the_callers_generator_is_left_alone() -> None:
     btf = noisy(3, 3)
     state = torch.get_rng_state()
-    first, second = fit(btf, small()), fit(btf, small())
+    first, second = fit(btf, small(), render=False), fit(btf, small(), render=False)
     assert first.model.pack() == second.model.pack()
     assert torch.equal(torch.get_rng_state(), state)
 
@@ -139,7 +139,7 @@ def test_same_seed_same_bytes_and_the_callers_generator_is_left_alone() -> None:
 def test_one_texel() -> None:
     btf = noisy(1, 1)
     told = io.StringIO()
-    result = fit(btf, small(), Progress(told))
+    result = fit(btf, small(), Progress(told), render=False)
     check_errors(btf, result)
     assert "cluster.count lowered from 4 to 1, there are only 1 texels" in told.getvalue()
     assert result.report["snr_db"]["with_residual"] > 60.0  # its own mean, in float16
@@ -149,7 +149,7 @@ def test_constant_texture() -> None:
     one = noisy(1, 1).texels().view(1, len(DIRECTIONS), len(DIRECTIONS), 3)
     btf = texel_major_btf(one.expand(9, -1, -1, -1), 3, 3)
     told = io.StringIO()
-    result = fit(btf, small(), Progress(told))
+    result = fit(btf, small(), Progress(told), render=False)
     check_errors(btf, result)
     assert result.report["clusters"] == 1
     assert "there are too few distinct texels" in told.getvalue()
@@ -161,7 +161,7 @@ def test_black_texels(method: str) -> None:
     black = (0, 3, 4, 7)
     btf = noisy(2, 4, black)
     search = {"method": method, "pairs": 32, "adam_steps": 1, "lbfgs_steps": 1}
-    result = fit(btf, small(search=search, select={"method": method}))
+    result = fit(btf, small(search=search, select={"method": method}), render=False)
     check_errors(btf, result)
     assert result.model.weight.isfinite().all()
     assert float(expanded(result, False)[list(black)].abs().max()) < 0.05
@@ -183,7 +183,7 @@ def one_view() -> BTF:
 @pytest.mark.parametrize("make", [one_pair, one_view])
 def test_few_pairs(make: Callable[[], BTF]) -> None:
     btf = make()
-    result = fit(btf, small())
+    result = fit(btf, small(), render=False)
     check_errors(btf, result)
     assert result.report["direction_pairs"] == btf.pair_count
 
@@ -192,7 +192,7 @@ def test_high_dynamic_range() -> None:
     """Scale changes decibels not at all: the search is relative to each signal."""
     dim = noisy(2, 3)
     bright = texel_major_btf(1e4 * dim.texels().view(6, len(DIRECTIONS), len(DIRECTIONS), 3), 2, 3)
-    a, b = fit(dim, small()).report, fit(bright, small()).report
+    a, b = fit(dim, small(), render=False).report, fit(bright, small(), render=False).report
     for name in ("without_residual", "with_residual", "cluster_mean"):
         assert b["snr_db"][name] == pytest.approx(a["snr_db"][name], abs=0.1)
     assert b["psnr_peak"] > 1e3
@@ -200,7 +200,7 @@ def test_high_dynamic_range() -> None:
 
 @pytest.mark.parametrize("limit", [1, 2])
 def test_lobe_limit(limit: int) -> None:
-    result = fit(noisy(3, 3), small(select={"max_lobes": limit, "min_gain": 0.0}))
+    result = fit(noisy(3, 3), small(select={"max_lobes": limit, "min_gain": 0.0}), render=False)
     assert int(result.model.lobe_count_per_texel().max()) <= limit
 
 
@@ -214,7 +214,7 @@ def test_lobe_limit_holds_for_samples_too() -> None:
 
 def test_limit_as_in_the_contract() -> None:
     config = FitConfig.from_dict({**SMALL, "select": {"max_lobes": 4}})
-    result = fit(noisy(2, 2), config)
+    result = fit(noisy(2, 2), config, render=False)
     assert int(result.model.lobe_count_per_texel().max()) <= 4
 
 
@@ -228,7 +228,7 @@ def test_the_papers_method_ends() -> None:
         residual={"joint": False, "precision": "float32"},
     )
     btf = noisy(2, 3)
-    result = fit(btf, config)
+    result = fit(btf, config, render=False)
     check_errors(btf, result)
     assert all(math.isfinite(value) for value in result.report["snr_db"].values())
     assert result.report["snr_db"]["with_residual"] >= result.report["snr_db"]["without_residual"]
@@ -237,11 +237,11 @@ def test_the_papers_method_ends() -> None:
 
 def test_block_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     btf = noisy(3, 4)
-    whole = fit(btf, small()).report["snr_db"]
+    whole = fit(btf, small(), render=False).report["snr_db"]
     monkeypatch.setattr(cluster, "CPU_BLOCK_VALUES", 2 * btf.pair_count * 3)
     monkeypatch.setattr(texels, "CPU_TEXELS", 2)
     assert cluster.block_texels(btf, torch.device("cpu")) == 2
-    blocks = fit(btf, small()).report["snr_db"]
+    blocks = fit(btf, small(), render=False).report["snr_db"]
     assert blocks == pytest.approx(whole, abs=1e-3)
 
 
@@ -256,8 +256,8 @@ def test_devices() -> None:
 @pytest.mark.gpu
 def test_same_on_cuda() -> None:
     btf = noisy(3, 4)
-    on_cpu = fit(btf, small()).report["snr_db"]
-    result = fit(btf, small().override(["device=cuda"]))
+    on_cpu = fit(btf, small(), render=False).report["snr_db"]
+    result = fit(btf, small().override(["device=cuda"]), render=False)
     assert not result.model.weight.is_cuda
     assert result.report["snr_db"] == pytest.approx(on_cpu, abs=0.2)
     check_errors(btf, result)

@@ -85,7 +85,7 @@ def test_a_table_samples_each_entry_by_its_own_lobe() -> None:
     u = torch.rand(300, 3, generator=generator, dtype=torch.float64)
     wo = cases[0].wo.expand(300, 3)
     wi = table.sample(index, wo, u)
-    density = table.pdf(index, wi, wo)
+    density = table.pdf(index, torch.arange(len(index)), wi, wo)
     for position, case in enumerate(cases):
         rows = index == position
         torch.testing.assert_close(wi[rows], case.sample(u[rows]))

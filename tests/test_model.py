@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch import SPMM, OutputError, store
+from spmm_torch import SPMM, DataError, OutputError, store
 from spmm_torch import model as model_module
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry import direction_from_angles, ring_directions
@@ -266,3 +266,20 @@ def test_sampling_shapes_and_renewal(model: SPMM) -> None:
     assert model.sampling_data() is model.sampling_data()
     assert model.sampling_data(renew=True) is not None
     assert model.pdf(centre(3), torch.tensor([0.0, 0.0, -1.0]), wo[0]).item() == 0.0
+
+
+def test_precision_of_the_process_does_not_reach_in(model: SPMM) -> None:
+    """Directions rounded to bfloat16, as programs that train networks ask for, miss lobes."""
+    wi, wo = directions(64, 1), directions(64, 2)
+    uv = torch.rand(64, 2, generator=torch.Generator().manual_seed(0))
+    expected = model(uv, wi, wo)
+    with torch.autocast("cpu", dtype=torch.bfloat16):
+        assert torch.equal(model(uv, wi, wo), expected)
+        assert torch.equal(model.picture(wi[0], wo[0]), model.picture(wi[0], wo[0]).float())
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_half_precision_is_refused(model: SPMM, dtype: torch.dtype) -> None:
+    wi, wo = directions(4, 1).to(dtype), directions(4, 2).to(dtype)
+    with pytest.raises(DataError, match="expected float32 or float64"):
+        model(torch.rand(4, 2), wi, wo)

@@ -35,6 +35,7 @@ OPTIONS = [
     "--set=search.bank_normals=8",
     "--set=search.exchanges=0",
     "--set=search.final_steps=2",
+    "--no-render",
 ]
 # Relative, as the project promises.
 TOLERANCE = 1e-4
@@ -227,6 +228,23 @@ def test_ranks_make_the_model_of_one(source: Path, alone: Path, tmp_path: Path, 
     assert reports[0]["snr_db"] == pytest.approx(reports[1]["snr_db"], abs=1e-3)
     sizes = np.unique(load_file(run / "model.safetensors")["weights.label"], return_counts=True)[1]
     assert sizes.min() < ranks < sizes.max()  # the case of a rank without a texel was there
+
+
+@pytest.mark.slow
+def test_ranks_heed_weights(source: Path, tmp_path: Path) -> None:
+    random = np.random.default_rng(3)
+    pair = random.random((len(DIRECTIONS), len(DIRECTIONS)))
+    np.savez(tmp_path / "w.npz", pair=pair, texel=random.random((SIDE, SIDE)))
+    options = [*OPTIONS, "--weights", str(tmp_path / "w.npz"), "--set", "weights.error=cube-root"]
+    runs = [tmp_path / "one", tmp_path / "two"]
+    for ranks, run in enumerate(runs, start=1):
+        arguments = [str(source), "-o", str(run), *options]
+        process = run_script(tmp_path, FIT, *arguments, ranks=ranks)
+        assert process.returncode == 0, process.stderr
+    check_same_model(*runs)
+    one, two = (json.loads((run / "report.json").read_text("utf-8")) for run in runs)
+    for key in ("snr_db", "weighted_snr_db"):
+        assert one[key] == pytest.approx(two[key], abs=1e-3)
 
 
 @pytest.mark.slow

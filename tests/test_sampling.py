@@ -159,7 +159,9 @@ def test_albedo_by_sampling_is_the_sum_of_its_lobes(
             index = planted.index[entry].expand(len(u))
             alone = data.table.sample(index, views, u)
             rho = LOBES[index[:1]].eval(alone[None], views[None])[0]
-            albedo = float((rho / data.table.pdf(index, alone, views)).mean())
+            albedo = float(
+                (rho / data.table.pdf(index, torch.arange(len(index)), alone, views)).mean()
+            )
             exact += share * float(planted.weight[entry].mean()) * albedo
     assert estimate == pytest.approx(exact, rel=5e-3)
 

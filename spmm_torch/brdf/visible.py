@@ -39,8 +39,9 @@ def reflect_about_visible(h: Tensor, wo: Tensor, u: Tensor) -> Tensor:
 
 def unit_half_vector(wi: Tensor, wo: Tensor) -> Tensor:
     """The unit half vector `[..., 3]` of wi and wo; 0 where they are opposite."""
-    h = wi + wo
-    return h / h.norm(dim=-1, keepdim=True).clamp(min=LENGTH_FLOOR)
+    x, y, z = (wi + wo).unbind(-1)
+    length = torch.sqrt(x * x + y * y + z * z).clamp(min=LENGTH_FLOOR)
+    return torch.stack((x / length, y / length, z / length)).movedim(0, -1)
 
 
 def visible_pdf(density: Tensor, h: Tensor, wo: Tensor) -> Tensor:

@@ -46,6 +46,8 @@ def load_btf(
     gamma: float = DISPLAY_GAMMA,
     threads: int = 0,
     cosine: str = "auto",
+    negative: str = "refuse",
+    missing: str = "refuse",
     selection: Selection | None = None,
     seed: int = 0,
 ) -> BTF:
@@ -57,6 +59,10 @@ def load_btf(
         threads: how many pictures are decoded at once; 0 = one for each core.
         cosine: of the light: "included" in the values, "missing", or "auto": as a `.btf` says of
             itself, included in all others.
+        negative: of values below zero, such as noise after dark-frame subtraction: "refuse" them,
+            "clip" them to zero, or "keep" them.
+        missing: pairs of directions without a picture: "refuse" them, or "mask" them; pictures
+            only.
         selection: the part to take; all of it by default.
         seed: of the choice of texels, where a selection asks for a number of them.
 
@@ -64,7 +70,9 @@ def load_btf(
         DataError: nothing there, no known format, or malformed.
         ConfigError: an option out of its range.
     """
-    options = ReadOptions(gamma=gamma, threads=threads, cosine=cosine)
+    options = ReadOptions(
+        gamma=gamma, threads=threads, cosine=cosine, negative=negative, missing=missing
+    )
     btf = _read(path, options)
     return btf if selection is None else select_part(btf, selection, seed)
 
@@ -78,7 +86,9 @@ def _read(path: Path | str, options: ReadOptions) -> BTF:
             if reader.accepts(source):
                 btf = reader.read(path, options)
                 missing = {"auto": btf.cosine_missing, "included": False, "missing": True}
-                return replace(btf, cosine_missing=missing[options.cosine])
+                return replace(
+                    btf, cosine_missing=missing[options.cosine], negative=options.negative
+                )
     except OSError as error:
         raise DataError(
             f"{path} cannot be read ({error}); {EXPECTED}; check its permissions."

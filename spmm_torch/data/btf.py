@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..errors import DataError
 from ..geometry import direction_pairs
 from .percentile import percentile
 from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chunks
@@ -40,6 +41,8 @@ class BTF:
         part: what of the source this is.
         streamed: whether values are computed anew whenever they are asked for, and never kept.
         cosine_missing: whether values are to be multiplied by the cosine of the light.
+        negative: of values below zero: "refuse", "clip" to zero, or "keep" them.
+        missing: which pairs have no values but zeros, `[V, L]` bool; None if all have some.
     """
 
     name: str
@@ -55,16 +58,24 @@ class BTF:
     part: Part = field(default=WHOLE, repr=False)
     streamed: bool = False
     cosine_missing: bool = False
+    negative: str = "refuse"
+    missing: Tensor | None = field(default=None, repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def from_values(
-        cls, values: Tensor | np.ndarray, view: Tensor, light: Tensor, *, name: str = "values"
+        cls,
+        values: Tensor | np.ndarray,
+        view: Tensor,
+        light: Tensor,
+        *,
+        name: str = "values",
+        negative: str = "refuse",
     ) -> BTF:
         """A BTF of linear cosine-weighted `values [V, L, H, W, 3]`, float16 or float32.
 
-        HDR if a value exceeds 1, as for NPZ files.
+        HDR if a value exceeds 1, as for NPZ files; `negative` is that of `ReadOptions`.
 
         Raises:
             DataError: whatever the NPZ reader would refuse.
@@ -72,8 +83,7 @@ class BTF:
         # The NPZ reader owns the rules of this layout and needs BTF itself.
         from .npz import btf_of_array
 
-        array = values.detach().cpu().numpy() if isinstance(values, Tensor) else values
-        return btf_of_array(array, view, light, name)
+        return btf_of_array(values, view, light, name, negative)
 
     def restricted(
         self,
@@ -96,6 +106,7 @@ class BTF:
             width=width,
             view=self.view if views is None else self.view[views],
             light=self.light if lights is None else self.light[lights],
+            missing=_kept_gaps(self.missing, views, lights),
             part=Part(
                 _chosen(self.part.texels, texels),
                 _chosen(self.part.views, views),
@@ -114,9 +125,19 @@ class BTF:
         return len(self.view) * len(self.light)
 
     @property
+    def measured(self) -> Tensor | None:
+        """Which direction pairs have values, `[D]` bool; None if all have."""
+        return None if self.missing is None else ~self.missing.flatten()
+
+    @property
+    def measured_count(self) -> int:
+        """The number of direction pairs that have values."""
+        return self.pair_count if self.missing is None else int((~self.missing).sum())
+
+    @property
     def raw_bytes(self) -> int:
         """Size of all values at the source's own bit depth, uncompressed."""
-        values = self.texel_count * self.pair_count * self.channels
+        values = self.texel_count * self.measured_count * self.channels
         return round(values * self.bytes_per_value)
 
     @property
@@ -149,7 +170,7 @@ class BTF:
             OutputError: the cache cannot be written.
         """
         if self._store is None:
-            store = self.open_store(self.part, Loading(progress, memory, cache))
+            store = self.open_store(self.part, Loading(progress, memory, cache, self.negative))
             if self.cosine_missing:
                 cosine = self.light[:, 2].clamp(min=0.0).repeat(len(self.view))  # [D]
                 store = CosineStore(store, cosine)
@@ -185,15 +206,34 @@ class BTF:
             return 1.0
         if self._peak is None:
             chunk = max(CHUNK_VALUES // (self.pair_count * self.channels), 1)
-            store = self._loaded()
-            self._peak = percentile(
-                lambda: float_chunks(store, self.texel_count, chunk), PEAK_FRACTION
-            )
+            self._peak = percentile(lambda: self._measured_chunks(chunk), PEAK_FRACTION)
         return self._peak
+
+    def _measured_chunks(self, size: int) -> Iterator[Tensor]:
+        """All values but those of missing pairs, `size` texels at a time."""
+        measured = self.measured
+        for chunk in float_chunks(self._loaded(), self.texel_count, size):
+            yield chunk if measured is None else chunk[:, measured]
 
     def _loaded(self) -> Store:
         self.load()
         return cast(Store, self._store)
+
+
+def _kept_gaps(
+    missing: Tensor | None, views: Tensor | None, lights: Tensor | None
+) -> Tensor | None:
+    """The missing pairs of the directions that stay; None if there are none."""
+    if missing is None:
+        return None
+    kept = missing if views is None else missing[views]
+    kept = kept if lights is None else kept[:, lights]
+    if bool(kept.all()):
+        raise DataError(
+            "all pairs of the chosen directions are missing; expected at least one with a picture; "
+            "choose others."
+        )
+    return kept if bool(kept.any()) else None
 
 
 def _chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:

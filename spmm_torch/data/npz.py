@@ -11,7 +11,7 @@ import hashlib
 import math
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import IO
@@ -76,13 +76,16 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     )
 
 
-def btf_of_array(array: np.ndarray, view: Tensor, light: Tensor, name: str) -> BTF:
-    """A BTF of values `[V, L, H, W, 3]` in memory.
+def btf_of_array(
+    values: np.ndarray | Tensor, view: Tensor, light: Tensor, name: str, negative: str
+) -> BTF:
+    """A BTF of values `[V, L, H, W, 3]` in memory; `negative` is that of `ReadOptions`.
 
     Raises:
         DataError: the shape or type of the values is wrong, or a direction is not valid.
     """
     where = f"the array of BTF {name!r}"
+    array = _numpy(values, where)
     view, light = check_layout(array.shape, array.dtype, view, light, where)
     header = ArrayHeader(array.shape, False, array.dtype)
 
@@ -92,7 +95,19 @@ def btf_of_array(array: np.ndarray, view: Tensor, light: Tensor, name: str) -> B
     def key() -> str:
         return hashlib.blake2b(np.ascontiguousarray(array).tobytes(), digest_size=20).hexdigest()
 
-    return _btf(name, "", header, view, light, where, views, key).load()
+    btf = _btf(name, "", header, view, light, where, views, key)
+    return replace(btf, negative=ReadOptions(negative=negative).negative).load()
+
+
+def _numpy(values: np.ndarray | Tensor, where: str) -> np.ndarray:
+    if not isinstance(values, Tensor):
+        return values
+    if values.dtype == torch.bfloat16:  # NumPy has no such type
+        raise DataError(
+            f"'values' of {where} has type bfloat16, 8 bits of which would be all that errors are "
+            f"judged by; expected float16 or float32; measure or convert it in one of these."
+        )
+    return values.detach().cpu().numpy()
 
 
 def _btf(

@@ -12,6 +12,8 @@ from .btf import DISPLAY_GAMMA
 # Decoding of small pictures is bound by the interpreter lock: more threads gain nothing.
 MAX_THREADS = 8
 COSINES = ("auto", "included", "missing")
+NEGATIVES = ("refuse", "clip", "keep")
+MISSING = ("refuse", "mask")
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,10 @@ class ReadOptions:
         threads: how many pictures are decoded at once; 0 = one for each core, 8 at most.
         cosine: of the light: "included" in the values, or "missing" and to be multiplied; "auto":
             as a `.btf` says of itself, included in all others.
+        negative: of values below zero, such as noise after dark-frame subtraction: "refuse" them,
+            "clip" them to zero, which makes dark texels brighter on average, or "keep" them. A
+            `.btf` has none: its format clips.
+        missing: pairs of directions without a picture: "refuse" them, or "mask" them.
 
     Raises:
         ConfigError: a value out of its range.
@@ -31,6 +37,8 @@ class ReadOptions:
     gamma: float = DISPLAY_GAMMA
     threads: int = 0
     cosine: str = "auto"
+    negative: str = "refuse"
+    missing: str = "refuse"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gamma) and self.gamma > 0.0):
@@ -40,8 +48,14 @@ class ReadOptions:
             )
         if self.threads < 0:
             raise ConfigError(f"threads is {self.threads}; expected 0 (one for each core) or more.")
-        if self.cosine not in COSINES:
-            raise ConfigError(f"cosine is {self.cosine!r}; expected one of {', '.join(COSINES)}.")
+        for name, choices in (
+            ("cosine", COSINES),
+            ("negative", NEGATIVES),
+            ("missing", MISSING),
+        ):
+            value = getattr(self, name)
+            if value not in choices:
+                raise ConfigError(f"{name} is {value!r}; expected one of {', '.join(choices)}.")
 
     @property
     def thread_count(self) -> int:

@@ -77,6 +77,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         bytes_per_value=pictures.bytes_per_value,
         open_store=pictures.open_store,
         hdr=False if pictures.codec is pillow else None,
+        missing=pictures.grid.missing,
     )
 
 
@@ -104,15 +105,15 @@ class PictureSet:
     @classmethod
     def scan(cls, path: Path, options: ReadOptions) -> PictureSet:
         """Arranges the pictures by their names and looks into the first one."""
-        grid = arrange(list_pictures(path), path)
+        grid = arrange(list_pictures(path), path, options.missing == "mask")
         with open_archive(path) as archive:
-            (payload,) = archive.read(grid.files[:1])
+            (payload,) = archive.read([grid.first])
         codec = codec_of(payload)
         try:
             size = codec.read_size(payload)
             first = _codes(codec, payload) if codec is not pillow else np.zeros((1, 1, 3), np.uint8)
         except DECODE_ERRORS as error:
-            raise unreadable(path, grid.files[0], error) from error
+            raise unreadable(path, grid.first, error) from error
         return cls(path, grid, codec, size, first.dtype, first.shape[2], options)
 
     @property
@@ -130,7 +131,7 @@ class PictureSet:
     def open_store(self, part: Part, loading: Loading) -> Store:
         """Decodes a part of the pictures."""
         texels = self.size[0] * self.size[1] if part.texels is None else len(part.texels)
-        files = self._files(part)  # [V', L'] names
+        files = self._files(part)  # [V', L'] names, None for missing ones
         shape = (len(files), len(files[0]), texels, self.width)
 
         def decode(views: Sequence[int], place: Place) -> None:
@@ -145,21 +146,24 @@ class PictureSet:
 
         def key() -> str:
             chosen = [name for row in files for name in row]
+            present = [name for name in chosen if name is not None]
+            gaps = [place for place, name in enumerate(chosen) if name is None]
             kept = None if part.texels is None else part.texels.tolist()
-            return entry_key((*_fingerprint(self.path, chosen), shape, str(self.dtype), kept))
+            facts = (*_fingerprint(self.path, present), shape, str(self.dtype), kept)
+            return entry_key((*facts, gaps) if gaps else facts)
 
         columns = self.size[1] if part.texels is None else 0
         source = ViewSource(str(self.path), shape, self.dtype, self.expansion, decode, key, columns)
         return open_store(source, loading)
 
-    def _files(self, part: Part) -> list[list[str]]:
+    def _files(self, part: Part) -> list[list[str | None]]:
         lights = len(self.grid.light)
         light_index = range(lights) if part.lights is None else part.lights.tolist()
         view_index = range(len(self.grid.view)) if part.views is None else part.views.tolist()
         return [[self.grid.files[v * lights + l] for l in light_index] for v in view_index]  # noqa: E741
 
-    def _decode(self, archive: Archive, names: Sequence[str], part: Part) -> np.ndarray:
-        """Codes `[L', T', B]` of the pictures of one view.
+    def _decode(self, archive: Archive, names: Sequence[str | None], part: Part) -> np.ndarray:
+        """Codes `[L', T', B]` of the pictures of one view; missing ones are black.
 
         Raises:
             DataError: names the file that is broken, or unlike the first one.
@@ -167,14 +171,16 @@ class PictureSet:
         height, width = self.size
         texels = None if part.texels is None else part.texels.numpy()
         count = height * width if texels is None else len(texels)
-        codes = np.empty((len(names), count, self.width), dtype=self.dtype)
-        for row, name, payload in zip(codes, names, archive.read(names), strict=True):
+        codes = np.zeros((len(names), count, self.width), dtype=self.dtype)
+        present = [place for place, name in enumerate(names) if name is not None]
+        files = [names[place] for place in present]
+        for place, name, payload in zip(present, files, archive.read(files), strict=True):
             try:
                 picture = self._decode_one(payload, name)
             except DECODE_ERRORS as error:
                 raise unreadable(self.path, name, error) from error
             flat = picture.reshape(height * width, self.width)
-            row[...] = flat if texels is None else flat[texels]
+            codes[place] = flat if texels is None else flat[texels]
         return codes
 
     def _decode_one(self, payload: bytes, name: str) -> np.ndarray:

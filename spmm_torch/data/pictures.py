@@ -26,11 +26,27 @@ ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError,
 
 @dataclass(frozen=True)
 class PictureGrid:
-    """Every light under every view: directions by (theta, phi), files by d = view * L + light."""
+    """Every light under every view: directions by (theta, phi), files by d = view * L + light.
+
+    A pair without a picture has None for its file.
+    """
 
     view: tuple[Direction, ...]
     light: tuple[Direction, ...]
-    files: tuple[str, ...]
+    files: tuple[str | None, ...]
+
+    @property
+    def first(self) -> str:
+        """The first file that is there."""
+        return next(name for name in self.files if name is not None)
+
+    @property
+    def missing(self) -> Tensor | None:
+        """Which pairs have no picture, `[V, L]` bool; None if all have one."""
+        if None not in self.files:
+            return None
+        flat = torch.tensor([name is None for name in self.files])
+        return flat.view(len(self.view), len(self.light))
 
 
 class Archive:
@@ -128,8 +144,13 @@ def _direction(theta: float, phi: float) -> Direction:
     return theta, (0.0 if theta == 0.0 else phi % 360.0)
 
 
-def arrange(names: Iterable[str], path: Path) -> PictureGrid:
+def arrange(names: Iterable[str], path: Path, mask: bool = False) -> PictureGrid:
     """Sort pictures into the full product of their views and lights.
+
+    Args:
+        names: of the pictures.
+        path: where they lie, for messages.
+        mask: whether pairs may be missing.
 
     Raises:
         DataError: a pair of directions is there twice or not at all, or under the horizon.
@@ -150,13 +171,14 @@ def arrange(names: Iterable[str], path: Path) -> PictureGrid:
     light = tuple(sorted({pair[1] for pair in files}))
     product = [(v, l) for v in view for l in light]  # noqa: E741
     missing = [pair for pair in product if pair not in files]
-    if missing:
+    if missing and not mask:
         raise DataError(
             f"{path} lacks {_describe(missing[0])} ({len(missing)} missing of {len(product)} "
             f"pairs = {len(view)} views x {len(light)} lights); expected a picture of every light "
-            f"under every view; add the missing pictures, or remove the misnamed ones."
+            f"under every view; add the missing pictures, remove the misnamed ones, or go on "
+            f"without them by data.missing=mask."
         )
-    return PictureGrid(view, light, tuple(files[pair] for pair in product))
+    return PictureGrid(view, light, tuple(files.get(pair) for pair in product))
 
 
 def _check_above_horizon(pair: tuple[Direction, Direction], name: str, path: Path) -> None:

@@ -80,11 +80,13 @@ class Loading:
             number.
         cache: folder for decoded values. If it is given they go there whatever their size; None:
             the user's own cache folder, if need be.
+        negative: of values below zero: "refuse", "clip" to zero, or "keep" them.
     """
 
     progress: Progress | None = None
     memory: int | None = None
     cache: Path | None = None
+    negative: str = "refuse"
 
 
 @dataclass(frozen=True)

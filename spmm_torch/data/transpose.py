@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import torch
 
 from ..errors import DataError
 from ..memory import slices
-from .cache import CacheEntry
+from .cache import CacheEntry, entry_key
 from .codes import Codes, Expansion, FileCodes, MemoryCodes
 from .store import CodeStore, Loading, check_not_black
 
@@ -91,7 +92,10 @@ def _into_cache(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
     budget = loading.memory * BAND_SHARE if loading.memory is not None else DEFAULT_BAND_BYTES
     size = int(min(max(budget // source.view_bytes, 1), views))
     shape = (texels, views * lights, width)
-    with CacheEntry.open(loading.cache, source.key(), source.where, shape, source.dtype) as entry:
+    key = source.key()
+    if loading.negative != "refuse":  # other codes, or such as are not to be had by other settings
+        key = entry_key((key, loading.negative))
+    with CacheEntry.open(loading.cache, key, source.where, shape, source.dtype) as entry:
         if not entry.complete:
             entry.reserve()
             for first in range(entry.views_done, views, size):
@@ -111,13 +115,16 @@ class _Placed:
     """Puts the pictures of each view of a band into its texel-major codes."""
 
     def __init__(self, source: ViewSource, loading: Loading, codes: np.ndarray, first: int) -> None:
-        self.source, self.progress = source, loading.progress
+        self.source, self.progress, self.negative = source, loading.progress, loading.negative
         self.codes, self.first = codes, first
         self.highest, self.done = 0.0, first
         self._lock = threading.Lock()
 
     def __call__(self, view: int, pictures: np.ndarray) -> None:
-        highest = _checked_highest(self.source, view, pictures)
+        lowest = 0.0 if self.negative == "refuse" else -math.inf
+        highest = _checked_highest(self.source, view, pictures, lowest)
+        if self.negative == "clip" and pictures.dtype.kind == "f":
+            pictures = np.maximum(pictures, 0)
         lights = self.source.shape[1]
         start = (view - self.first) * lights
         transpose_into(self.codes[:, start : start + lights], pictures)
@@ -128,22 +135,27 @@ class _Placed:
                 self.progress(self.done, self.source.shape[0])
 
 
-def _checked_highest(source: ViewSource, view: int, pictures: np.ndarray) -> float:
-    """The highest value of one view's codes `[L, T, B]`, all of which must be valid."""
+def _checked_highest(source: ViewSource, view: int, pictures: np.ndarray, lowest: float) -> float:
+    """The highest value of one view's codes `[L, T, B]`: all finite, and none under `lowest`."""
     codes = torch.from_numpy(pictures)
     low, high = source.expand.bounds(codes)
-    if low >= 0.0 and high < float("inf"):
+    if low >= lowest and low > -math.inf and high < math.inf:  # False for NaN
         return high
     values = source.expand(codes)
-    bad = ~(values.isfinite() & (values >= 0))
+    bad = ~(values.isfinite() & (values >= lowest))
     light, texel, channel = (int(i) for i in bad.nonzero()[0])
     place = f"texel {texel}"
     if source.columns:
         place = f"row {texel // source.columns}, column {texel % source.columns}"
+    value = float(values[light, texel, channel])
+    option = (
+        "give data.negative (--set of a fit, else --negative) as clip or keep if they are noise"
+        if math.isfinite(value)
+        else "mend or replace those values before saving"
+    )
     raise DataError(
-        f"{source.where} holds {float(values[light, texel, channel])} at "
-        f"[view {view}, light {light}, {place}, channel {channel}]; expected finite "
-        f"values that are not negative; mend or replace those values before saving."
+        f"{source.where} holds {value} at [view {view}, light {light}, {place}, channel "
+        f"{channel}]; expected finite values that are not negative; {option}."
     )
 
 

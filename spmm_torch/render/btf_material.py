@@ -52,7 +52,7 @@ class BTFMaterial:
         texel, share = texel_at(
             uv.expand(*shape, 2).reshape(-1, 2), self.btf.height, self.btf.width
         )
-        pair, weight = self._pairs(wi, wo, shape)  # [Q, 9]
+        pair, weight = self.pairs_at(wi, wo, shape)  # [Q, 9]
         query, corner = torch.nonzero(share, as_tuple=True)  # [E] texels that count
         order = torch.argsort(texel[query, corner], stable=True)
         query, corner = query[order], corner[order]
@@ -71,8 +71,11 @@ class BTFMaterial:
         total = (entries * share[..., None]).sum(1)
         return total.view(*shape, self.btf.channels)
 
-    def _pairs(self, wi: Tensor, wo: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
-        """Direction pairs and weights `[Q, 9]` of wi and wo, each found before it is repeated."""
+    def pairs_at(self, wi: Tensor, wo: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
+        """Direction pairs and weights `[Q, 9]` of wi and wo `[..., 3]`, which broadcast to `shape`.
+
+        Missing pairs have no weight; what was measured around them takes it.
+        """
         light, light_weight = self.light_mesh.weights(wi)  # [..., 3]
         view, view_weight = self.view_mesh.weights(wo)  # [..., 3]
         lowest = max(float(self.btf.light[:, 2].min()), LOWEST_COSINE)
@@ -82,4 +85,13 @@ class BTFMaterial:
         pair = view[..., :, None] * len(self.btf.light) + light[..., None, :]
         weight = view_weight[..., :, None] * light_weight[..., None, :]
         full = (*shape, 3, 3)
-        return pair.expand(full).reshape(-1, 9), weight.expand(full).reshape(-1, 9)
+        pair, weight = pair.expand(full).reshape(-1, 9), weight.expand(full).reshape(-1, 9)
+        return pair, self._measured_only(pair, weight)
+
+    def _measured_only(self, pair: Tensor, weight: Tensor) -> Tensor:
+        """Weights `[Q, 9]` whose sums the pairs that were measured share."""
+        if self.btf.measured is None:
+            return weight
+        kept = weight * self.btf.measured.to(weight.device)[pair]
+        tiny = torch.finfo(weight.dtype).tiny
+        return kept * (weight.sum(1, keepdim=True) / kept.sum(1, keepdim=True).clamp(min=tiny))

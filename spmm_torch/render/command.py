@@ -6,11 +6,12 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import NoReturn
 
 import torch
 
+from ..arguments import Parser
 from ..data import load_btf
+from ..data.options import NEGATIVES
 from ..device import full_precision, resolve_device
 from ..errors import ConfigError, SPMMError
 from ..memory import DEFAULT_SHARE, free_memory
@@ -30,18 +31,6 @@ TURNING = ("light", "camera")
 MAX_FRAMES = 1000
 
 
-class _Parser(argparse.ArgumentParser):
-    """Complains like everything else here: one sentence."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raises the complaint.
-
-        Raises:
-            ConfigError: always.
-        """
-        raise ConfigError(f"{message}; spmm render --help tells what is expected.")
-
-
 def main(arguments: list[str] | None = None) -> int:
     """The command `spmm render`; returns the exit code."""
     try:
@@ -58,11 +47,17 @@ def main(arguments: list[str] | None = None) -> int:
 def parser() -> argparse.ArgumentParser:
     """The options of `spmm render`."""
     settings = RenderSettings()
-    result = _Parser(prog="spmm render", description="Render a model, or a BTF, on a shape.")
+    result = Parser(prog="spmm render", description="Render a model, or a BTF, on a shape.")
     add = result.add_argument
     add("run", nargs="?", metavar="RUN", help="run folder or model file")
     add("-o", "--output", required=True, metavar="OUT", help=".png, .exr, or .gif of a turntable")
     add("--input", metavar="BTF", help="render this BTF itself instead of RUN")
+    add(
+        "--negative",
+        choices=NEGATIVES,
+        default="refuse",
+        help="values of that BTF below zero: refuse, clip to zero, or keep (default: %(default)s)",
+    )
     add("--shape", default="sphere", help=f"{' or '.join(SHAPES)} (default: sphere)")
     add("--repeat", type=float, default=REPEAT, help="copies of the texture across (default: 2)")
     add("--camera", default="orthographic", help=f"{CAMERA_FORMS}; degrees, from +z")
@@ -120,7 +115,7 @@ def load_material(
     if options.input is None:
         model = SPMM.load(options.run, device)
         return model, model.width / model.height
-    btf = load_btf(options.input)
+    btf = load_btf(options.input, negative=options.negative)
     cache = Path(options.cache) if options.cache else None
     with progress.stage("load", len(btf.view), "views") as stage:
         btf.load(stage.to, memory=int(DEFAULT_SHARE * free_memory()), cache=cache)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
@@ -23,6 +25,9 @@ FRAME_TIME = 80
 STILL_SUFFIXES = (".png", ".exr")
 MOVING_SUFFIX = ".gif"
 
+# What screens show: 0 to 255; of a picture `[H, W, 3]`, row 0 at the top.
+Codes = NDArray[np.uint8]
+
 
 def auto_exposure(pictures: Sequence[Tensor], coverages: Sequence[Tensor]) -> float:
     """The factor that maps the 99th percentile of covered pixels to 1; 1 if they are all black."""
@@ -30,8 +35,12 @@ def auto_exposure(pictures: Sequence[Tensor], coverages: Sequence[Tensor]) -> fl
         picture[coverage > 0.0].flatten().cpu().numpy()
         for picture, coverage in zip(pictures, coverages, strict=True)
     ]
-    shown = np.concatenate(values)
-    for white in (np.quantile(shown, SHOWN_FRACTION), shown.max()):
+    return white_exposure(np.concatenate(values))
+
+
+def white_exposure(values: np.ndarray) -> float:
+    """The factor that maps the 99th percentile of values to 1; 1 if they are all black."""
+    for white in (np.quantile(values, SHOWN_FRACTION), values.max()):
         if white > 0.0:
             return 1.0 / float(white)
     return 1.0
@@ -46,20 +55,27 @@ def encode_display(linear: Tensor, gamma: float | None = None) -> Tensor:
     return torch.where(shown <= SRGB_KNEE, SRGB_SLOPE * shown, curve)
 
 
-def display_codes(picture: Tensor, exposure: float = 1.0, gamma: float | None = None) -> np.ndarray:
+def display_codes(picture: Tensor, exposure: float = 1.0, gamma: float | None = None) -> Codes:
     """8-bit codes `[H, W, 3]` of a linear picture times `exposure`."""
     shown = encode_display(picture * exposure, gamma)
     return torch.round(shown * 255.0).to(torch.uint8).cpu().numpy()
 
 
-def write_png(path: Path | str, codes: np.ndarray) -> None:
-    """Writes 8-bit codes `[H, W, 3]`.
+def encode_png(codes: Codes) -> bytes:
+    """The content of a PNG file."""
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(codes)).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def write_png(path: Path | str, codes: Codes) -> None:
+    """Writes 8-bit codes.
 
     Raises:
         OutputError: the file cannot be written.
     """
     with new_file(path) as temporary:
-        Image.fromarray(codes).save(temporary, "PNG", optimize=True)
+        temporary.write_bytes(encode_png(codes))
 
 
 def write_exr(path: Path | str, picture: Tensor) -> None:
@@ -72,8 +88,8 @@ def write_exr(path: Path | str, picture: Tensor) -> None:
         temporary.write_bytes(openexr.encode(picture.float().cpu().numpy()))
 
 
-def write_gif(path: Path | str, frames: Sequence[np.ndarray]) -> None:
-    """Writes frames of 8-bit codes `[H, W, 3]` as an endless picture.
+def write_gif(path: Path | str, frames: Sequence[Codes]) -> None:
+    """Writes frames of 8-bit codes as an endless picture.
 
     Raises:
         OutputError: the file cannot be written.

@@ -23,8 +23,15 @@ REPORT_KEYS: dict[str, tuple[str, ...]] = {
     "psnr_peak": (),
     "psnr_db": ("without_residual", "with_residual"),
     "snr_db": ("without_residual", "with_residual", "cluster_mean"),
+    # By the weights of the fit; null where all values count alike.
+    "weighted_snr_db": (),
     "mssim": ("y", "cr", "cb", "mean"),
     "lobes_by_model": (),
+    "failed_starts": ("starts", "count", "not_finite", "no_descent"),
+    # Of some texels: signal-to-noise ratio of lobes alone, and that without each model.
+    "error_without_model": ("texels", "snr_db", "snr_db_without"),
+    # What was found to pay; null without --auto.
+    "auto": (),
     "seconds": (
         "load",
         "cluster",
@@ -79,9 +86,13 @@ def write_report(folder: Path, report: Mapping[str, Any]) -> Path:
         for key, below in REPORT_KEYS.items()
     }
     path = folder / FILE_NAME
-    text = json.dumps(_finite(ordered), indent=2, allow_nan=False, ensure_ascii=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(json_text(ordered), encoding="utf-8")
     return path
+
+
+def json_text(content: Mapping[str, Any]) -> str:
+    """The text of a JSON file, null for each number that is not finite."""
+    return json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def _finite(value: Any) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ from ..model import SPMM
 from . import wording
 from .charts import Bar, bar_chart
 from .contract import check_report
+from .frame import card_row, document
 from .maps import maps_section
 from .markup import Markup, definitions, figure, join, table, tag
 from .slices import slices_section
-from .style import STYLE
 
 Report = Mapping[str, Any]
 # The head of Table 2 of the paper, without its columns about other work.
@@ -39,7 +39,9 @@ TABLE_NOTE = (
 SECONDS_PER_HOUR = 3600.0
 
 
-def write_html(path: Path, report: Report, model: SPMM, btf: BTF) -> None:
+def write_html(
+    path: Path, report: Report, model: SPMM, btf: BTF, sections: Sequence[Markup] = ()
+) -> None:
     """Write the page of one run.
 
     Args:
@@ -47,29 +49,25 @@ def write_html(path: Path, report: Report, model: SPMM, btf: BTF) -> None:
         report: what `write_report` takes.
         model: the fitted model; its directions are those of `btf`.
         btf: what it was fitted to.
+        sections: more of the page, made elsewhere.
 
     Raises:
         ValueError: keys of the report are missing or unknown.
     """
     check_report(report)
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", f"{btf.name} – SPMM report"),
-        tag("style", Markup(STYLE)),
+    page = document(
+        f"{btf.name} – SPMM report",
+        (
+            _title(report, btf),
+            _cards(report),
+            slices_section(model, btf),
+            *sections,
+            maps_section(model),
+            _cost(report),
+            _table_row(report, btf),
+            _details(report),
+        ),
     )
-    body = tag(
-        "body",
-        _title(report, btf),
-        _cards(report),
-        slices_section(model, btf),
-        maps_section(model),
-        _cost(report),
-        _table_row(report, btf),
-        _details(report),
-    )
-    page = join((Markup("<!DOCTYPE html>\n"), tag("html", head, body, lang="en"), "\n"))
     path.write_text(page, encoding="utf-8")
 
 
@@ -109,12 +107,7 @@ def _cards(report: Report) -> Markup:
         ),
         ("Time", wording.seconds(report["seconds"]["total"]), f"on {report['device']}"),
     )
-    parts = []
-    for position, (name, value, note) in enumerate(cards):
-        rows = (("name", name), ("value", value), ("note", note))
-        content = (tag("div", text, class_=kind) for kind, text in rows)
-        parts.append(tag("div", *content, class_="card" if position else "card main"))
-    return tag("div", *parts, class_="cards")
+    return card_row(cards)
 
 
 def _gain(snr: Mapping[str, float | None]) -> str:
@@ -167,7 +160,23 @@ def _table_row(report: Report, btf: BTF) -> Markup:
     return join((tag("h2", "As in the paper"), tag("div", *content, class_="panel")))
 
 
+def _weighted(report: Report) -> str:
+    """The error that the fit has minimized, where values count by weight."""
+    snr = report["weighted_snr_db"]
+    return "all values count alike" if snr is None else wording.decibels(snr["with_residual"])
+
+
+def _worth(worth: Mapping[str, Any]) -> str:
+    """What every model buys, by some texels."""
+    if not worth["snr_db_without"]:
+        return wording.UNKNOWN
+    parts = [f"{name} {wording.decibels(x)}" for name, x in worth["snr_db_without"].items()]
+    whole = wording.decibels(worth["snr_db"])
+    return f"{', '.join(parts)}; with all {whole} ({wording.plural(worth['texels'], 'texel')})"
+
+
 def _details(report: Report) -> Markup:
+    starts = report["failed_starts"]
     versions = ", ".join(f"{name} {version}" for name, version in report["versions"].items())
     rows = (
         ("Input", str(report["input"])),
@@ -175,6 +184,10 @@ def _details(report: Report) -> Markup:
         ("Direction pairs", wording.count(report["direction_pairs"])),
         ("Channels", wording.count(report["channels"])),
         ("Clusters", wording.count(report["clusters"])),
+        ("Starts of the search", wording.count(starts["starts"])),
+        ("of them failed", wording.count(starts["count"])),
+        ("SNR by weight, with residual", _weighted(report)),
+        ("SNR of lobes alone, without a model", _worth(report["error_without_model"])),
         ("Peak memory", wording.size(report["peak_memory_bytes"])),
         ("Device", str(report["device"])),
         ("Seed", str(report["seed"])),

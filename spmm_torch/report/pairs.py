@@ -32,24 +32,28 @@ class Pair:
     view: int
 
 
-def choose_pairs(light: Tensor, view: Tensor) -> tuple[Pair, ...]:
+def choose_pairs(light: Tensor, view: Tensor, missing: Tensor | None = None) -> tuple[Pair, ...]:
     """The measured pairs that show most: from above, oblique, near mirror, grazing.
 
     Args:
         light: unit vectors `[L, 3]`.
         view: unit vectors `[V, 3]`.
+        missing: pairs without a picture, `[V, L]`; None without any.
 
     Returns:
         At least one pair, no pair twice; wanted ones that were not measured are left out.
     """
+    measured = torch.ones(len(view), len(light), dtype=torch.bool) if missing is None else ~missing
     chosen: dict[tuple[int, int], Pair] = {}
     for title, wanted_light, wanted_view in WANTED:
         light_index, light_distance = _nearest(light, *wanted_light)
         view_index, view_distance = _nearest(view, *wanted_view)
-        if max(light_distance, view_distance) <= MAX_DISTANCE:
+        near = max(light_distance, view_distance) <= MAX_DISTANCE
+        if near and bool(measured[view_index, light_index]):
             pair = Pair(title, light_index, view_index)
             chosen.setdefault((light_index, view_index), pair)
-    return tuple(chosen.values()) or (Pair("First measured pair", 0, 0),)
+    first_view, first_light = torch.nonzero(measured)[0].tolist()
+    return tuple(chosen.values()) or (Pair("First measured pair", first_light, first_view),)
 
 
 def angles(direction: Tensor) -> str:

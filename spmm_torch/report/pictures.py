@@ -1,19 +1,16 @@
-"""Pictures of the page: linear values to display codes, colour maps, PNG data URIs."""
+"""Pictures of the page: amplified differences, colour maps, PNG data URIs."""
 
 from __future__ import annotations
 
 import base64
 import colorsys
-import io
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
-from PIL import Image
+from torch import Tensor
 
-from ..data.btf import DISPLAY_GAMMA
+from ..render.display import SHOWN_FRACTION, Codes, encode_png
 
-# This part of a picture's values is shown without clipping.
-SHOWN_FRACTION = 0.99
 # The amplification of differences doubles up to this.
 MAX_GAIN = 64
 # Successive hues are this part of a turn apart: neighbours differ, whatever the count.
@@ -22,17 +19,6 @@ GOLDEN_TURN = 0.618034
 TONES = ((0.45, 0.92), (0.70, 0.72), (0.30, 0.78), (0.62, 0.98))
 # From few to many; all stops can be told from a white and from a black page.
 HEAT = ((52, 42, 110), (48, 98, 150), (42, 152, 136), (140, 196, 70), (250, 214, 60))
-
-Codes = NDArray[np.uint8]
-Linear = NDArray[np.float32]
-
-
-def exposure(original: Linear) -> float:
-    """The factor that maps the 99th percentile of a picture to 1; 1 for a black one."""
-    for white in (np.quantile(original, SHOWN_FRACTION), original.max()):
-        if white > 0.0:
-            return 1.0 / float(white)
-    return 1.0
 
 
 def difference_gain(worst: float) -> int:
@@ -43,10 +29,10 @@ def difference_gain(worst: float) -> int:
     return gain
 
 
-def display(linear: Linear, factor: float) -> Codes:
-    """8-bit codes `[H, W, 3]` of a linear picture times `factor`, gamma 2.2."""
-    shown = np.clip(linear * factor, 0.0, 1.0) ** (1.0 / DISPLAY_GAMMA)
-    return np.round(shown * 255.0).astype(np.uint8)
+def shared_gain(differences: Sequence[Tensor]) -> int:
+    """`difference_gain` of exposed differences `[H, W, 3]`, of which nearly none then clips."""
+    sizes = (part.abs().cpu().numpy() for part in differences)
+    return difference_gain(max(float(np.quantile(size, SHOWN_FRACTION)) for size in sizes))
 
 
 def cluster_colours(number: int) -> Codes:
@@ -73,6 +59,4 @@ def css_colour(codes: Codes) -> str:
 
 def png_uri(codes: Codes) -> str:
     """A data URI of 8-bit codes `[H, W, 3]`, row 0 at the top."""
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(codes)).save(buffer, "PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return "data:image/png;base64," + base64.b64encode(encode_png(codes)).decode("ascii")

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import scipy
 import torch
+from torch import Tensor
 
 from ..data import BTF
 from ..memory import peak_resident_memory
-from ..metrics import Totals, psnr_db, snr_db
+from ..metrics import Totals, psnr_db
 from ..model import SPMM
 
 STAGES = ("load", "cluster", "search", "dictionary", "select", "refit", "residual", "evaluate")
@@ -25,8 +26,9 @@ def summarize(
     seconds: dict[str, float],
     seed: int,
     device: torch.device,
+    starts: Tensor,
 ) -> dict[str, Any]:
-    """All figures of a fit; `mssim` is null until renders exist.
+    """All figures of a fit; `mssim` is null, for whoever renders to fill in.
 
     Args:
         btf: the input.
@@ -35,19 +37,19 @@ def summarize(
         seconds: by stage, and `total`.
         seed: of the fit.
         device: on which it ran.
+        starts: of the search, see `FoundLobes.starts`.
     """
-    count = btf.texel_count * btf.pair_count * btf.channels
+    count = btf.texel_count * btf.measured_count * btf.channels
     peak = btf.peak()
     sizes = model.byte_counts()
     errors = {
         "without_residual": totals.without_residual,
         "with_residual": totals.with_residual,
     }
-    snr = {name: snr_db(totals.energy, error) for name, error in errors.items()}
     return {
         "input": btf.path or btf.name,
         "texels": btf.texel_count,
-        "direction_pairs": btf.pair_count,
+        "direction_pairs": btf.measured_count,
         "channels": btf.channels,
         "clusters": model.cluster_count,
         "total_basis": len(model.dictionary),
@@ -57,15 +59,41 @@ def summarize(
         "compression_ratio": btf.raw_bytes / sizes["total"],
         "psnr_peak": peak,
         "psnr_db": {name: psnr_db(peak, error, count) for name, error in errors.items()},
-        "snr_db": {**snr, "cluster_mean": snr_db(totals.energy, totals.cluster_mean)},
+        "snr_db": totals.snr_db(),
+        "weighted_snr_db": None,
         "mssim": dict.fromkeys(("y", "cr", "cb", "mean")),
         "lobes_by_model": model.lobe_use_by_model(),
+        "failed_starts": failed_starts(starts),
+        "error_without_model": dict.fromkeys(("texels", "snr_db", "snr_db_without")),
+        "auto": None,
         "seconds": {name: seconds.get(name, 0.0) for name in (*STAGES, "total")},
         "peak_memory_bytes": peak_memory(device),
         "device": device_name(device),
         "seed": seed,
         "versions": versions(),
     }
+
+
+def failed_starts(starts: Tensor) -> dict[str, int]:
+    """How many starts of the search failed, and how, of `FoundLobes.starts [3]`."""
+    total, not_finite, no_descent = starts.tolist()
+    return {
+        "starts": total,
+        "count": not_finite + no_descent,
+        "not_finite": not_finite,
+        "no_descent": no_descent,
+    }
+
+
+def warning_of_failed_starts(starts: Tensor) -> str | None:
+    """One sentence where starts of the search met no number; the others went on without them."""
+    failed = failed_starts(starts)
+    if not failed["not_finite"]:
+        return None
+    return (
+        f"warning: {failed['not_finite']} of {failed['starts']} starts of the search met NaN or "
+        f"infinity and were left out"
+    )
 
 
 def headline(report: dict[str, Any]) -> str:

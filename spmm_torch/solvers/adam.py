@@ -56,4 +56,5 @@ def minimize_adam(
         spread = (variance / (1 - SECOND_DECAY**step)).sqrt()
         moved = project(x - learning_rate * unbiased / (spread + EPSILON))
         x = torch.where(failed[:, None], best, moved)
-    return OptimizeResult(best, best_value, torch.zeros_like(failed), failed)
+    none = torch.zeros_like(failed)
+    return OptimizeResult(best, best_value, none, failed, none)

@@ -20,6 +20,8 @@ ENERGY_FLOOR = 1e-6
 BOUND_RIDGE = 1e-10
 # Rounds of forward selection per slot: a slot emptied by the refit can be filled once more.
 ROUNDS_PER_SLOT = 2
+# Rows of the Gram matrix that are picked out at once, for the slots of some texels: 8 MB.
+SLOPE_ENTRIES = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -38,18 +40,18 @@ class _Texels:
     gram: Tensor  # [J, J]
     correlation: Tensor  # [T, C, J]
     energy: Tensor  # [T, C] float64
-    min_gain: float
+    min_gain: float | Tensor  # [T] where it varies
     floor: float
 
     def take(self, rows: Tensor) -> _Texels:
-        return _Texels(
-            self.gram, self.correlation[rows], self.energy[rows], self.min_gain, self.floor
-        )
+        if len(rows) == len(self.correlation):  # all of them, in order
+            return self
+        min_gain = self.min_gain[rows] if isinstance(self.min_gain, Tensor) else self.min_gain
+        return _Texels(self.gram, self.correlation[rows], self.energy[rows], min_gain, self.floor)
 
     def least_gain(self, error: Tensor) -> Tensor:
-        """Smallest decrease worth a lobe, given the summed error `[T, ...]` without it."""
-        energy = self.energy.sum(-1).reshape(-1, *[1] * (error.dim() - 1))
-        return torch.maximum(self.min_gain * error, self.floor * energy)
+        """Smallest decrease worth a lobe, given the summed error `[T]` without it."""
+        return torch.maximum(self.min_gain * error, self.floor * self.energy.sum(-1))
 
 
 @dataclass
@@ -84,7 +86,7 @@ def select_corrective(
     energy: Tensor,
     *,
     max_lobes: int,
-    min_gain: float,
+    min_gain: float | Tensor,
     floor: float = ENERGY_FLOOR,
 ) -> Selection:
     """Chooses up to `max_lobes` atoms a texel, shared by its channels, and their weights.
@@ -100,7 +102,8 @@ def select_corrective(
         correlation: D^T y `[T, J, C]`.
         energy: ||y||^2 `[T, C]`.
         max_lobes: most atoms of one texel, M.
-        min_gain: least relative decrease of the error that is worth one lobe, in [0, 1).
+        min_gain: least relative decrease of the error that is worth one lobe, in [0, 1]; `[T]`
+            float64 where it varies.
         floor: least decrease relative to the energy.
 
     Returns:
@@ -151,21 +154,34 @@ def _select_forward(texels: _Texels, support: _Support) -> None:
 def _add_atom(texels: _Texels, current: _Support) -> tuple[_Support, Tensor]:
     """Support with the best new atom, refit, and where one exists `[T]`."""
     index, weights = current.index, current.weights
-    atoms = texels.gram.shape[0]
-    norm = texels.gram.diagonal()  # [J]
-    spot = torch.where(index >= 0, index, atoms)  # [T, m], free slots at column J
-    dense = weights.new_zeros(*weights.shape[:2], atoms + 1, dtype=texels.gram.dtype)
-    dense.scatter_(2, spot[:, None].expand_as(weights), weights.to(dense.dtype))  # [T, C, J + 1]
-    slope = texels.correlation - dense[..., :atoms] @ texels.gram  # [T, C, J]
-    score = slope.clamp_min(0).square().sum(1) / torch.where(norm > 0, norm, torch.inf)  # [T, J]
-    taken = torch.zeros_like(dense[:, 0], dtype=torch.bool).scatter_(1, spot, True)
-    best, atom = torch.where(taken[:, :atoms], 0.0, score).max(-1)  # [T]
+    best, atom = _best_atoms(texels, current)
     is_free = index < 0
     slot = is_free.to(torch.uint8).argmax(-1, keepdim=True)  # [T, 1], the first free one
     possible = (best > 0) & is_free.any(-1)
     entering = torch.zeros_like(is_free).scatter_(1, slot, possible[:, None])
     index = torch.where(entering, atom[:, None], index)
     return _refit(texels, index, (weights > 0) | entering[:, None]), possible
+
+
+def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
+    """Guaranteed decrease `[T]` by the best atom `[T]` that is not in the support."""
+    slots, atoms = current.index.shape[1], texels.gram.shape[0]
+    norm = texels.gram.diagonal()  # [J]
+    inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
+    parts = []
+    for rows in torch.arange(len(current.index)).split(max(1, SLOPE_ENTRIES // (slots * atoms))):
+        part = slice(int(rows[0]), int(rows[-1]) + 1)
+        place = current.index[part].clamp_min(0)  # [t, m]; free slots have no weight
+        lines = texels.gram.index_select(0, place.flatten()).view(*place.shape, atoms)
+        weights = current.weights[part].to(lines.dtype)  # [t, C, m]
+        slope = torch.baddbmm(texels.correlation[part], weights, lines, alpha=-1)  # [t, C, J]
+        score = slope.clamp_(min=0).square_().sum(1) * inverse  # [t, J]
+        # The first atom stands for the free slots: it is put back unless it is in the support.
+        first = torch.where((current.index[part] == 0).any(1), 0.0, score[:, 0])
+        score.scatter_(1, place, 0.0)
+        score[:, 0] = first
+        parts.append(score.max(-1))
+    return tuple(torch.cat(column) for column in zip(*parts, strict=True))
 
 
 def _refit(texels: _Texels, index: Tensor, guess: Tensor) -> _Support:

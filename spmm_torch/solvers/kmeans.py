@@ -36,6 +36,8 @@ def kmeans(
     *,
     iterations: int = 100,
     candidates: int | None = None,
+    resolution: Tensor | None = None,
+    weights: Tensor | None = None,
 ) -> KMeansResult:
     """Clusters points by k-means [AV07] [Llo82].
 
@@ -45,6 +47,9 @@ def kmeans(
         generator: CPU generator, the only source of randomness.
         iterations: most Lloyd iterations; fewer when the labels stop changing.
         candidates: candidates tried for each centre; default 2 + log k as in scikit-learn.
+        resolution: how far each point may be off, `[N]`: nearer to a centre than this it is no
+            point of its own. Default: 0, points are exact.
+        weights: of the points in the objective and in the means, `[N]`, positive; None: 1.
 
     Returns:
         Labels, centres in the dtype of `points`, and the objective.
@@ -63,36 +68,54 @@ def kmeans(
     tries = 2 + int(math.log(k)) if candidates is None else candidates
     # Double precision: |x - c|^2 is expanded below, which cancels for close centres.
     shifted = points.double() - points.double().mean(0)  # [N, P]
-    centers, remaining = _seed(shifted, k, tries, generator)
+    weight = None if weights is None else weights.to(shifted)
+    blur = points.new_zeros(len(points)) if resolution is None else resolution
+    centers, remaining = _seed(shifted, k, tries, generator, blur.double().square(), weight)
     if remaining > 0:
-        labels = _lloyd(shifted, centers, iterations)
+        labels = _lloyd(shifted, centers, iterations, weight)
     else:  # every distinct point is a centre: there is nothing to improve
         labels = _assign_exactly(shifted, centers)
-    centers = _means(shifted, labels, centers.shape[0])
-    objective = (shifted - centers[labels]).square().sum().item()
+    centers = _means(shifted, labels, centers.shape[0], weight)
+    errors = (shifted - centers[labels]).square().sum(1)
+    objective = _weighted(errors, weight).sum().item()
     centers = centers + points.double().mean(0)
     return KMeansResult(labels, centers.to(points.dtype), objective if remaining > 0 else 0.0)
 
 
-def _seed(points: Tensor, k: int, tries: int, generator: torch.Generator) -> tuple[Tensor, float]:
+def _weighted(errors: Tensor, weight: Tensor | None) -> Tensor:
+    """Errors `[N, ...]` times the weights `[N]` of their points."""
+    return errors if weight is None else errors * weight.view(-1, *[1] * (errors.dim() - 1))
+
+
+def _seed(
+    points: Tensor,
+    k: int,
+    tries: int,
+    generator: torch.Generator,
+    blur: Tensor,
+    weight: Tensor | None,
+) -> tuple[Tensor, float]:
     """Greedy k-means++ [AV07]: centres `[K, P]` and the sum of squared distances to them.
 
-    Squared distances come from differences, so that a copy of a centre is at exactly zero and is
-    never drawn: the sum is zero once every distinct point is a centre.
+    Squared distances come from differences, and those within `blur [N]` count as zero, so that a
+    copy of a centre is never drawn: the sum is zero once every distinct point is a centre.
     """
     first = int(torch.randint(points.shape[0], (1,), generator=generator))
     chosen = [points[first]]
-    nearest = _squared_distance(points, points[first][None])[:, 0]  # [N]
+    blur = _weighted(blur, weight)
+    nearest = _weighted(_squared_distance(points, points[first][None]), weight)[:, 0]  # [N]
+    nearest = torch.where(nearest <= blur, 0.0, nearest)
     total = nearest.sum().item()
     while len(chosen) < k and total > 0:
         draw = torch.rand(tries, generator=generator, dtype=torch.float64).to(points.device)
         cumulative = nearest.cumsum(0)  # [N]
         drawn = torch.searchsorted(cumulative, draw * cumulative[-1], right=True)  # [candidates]
         drawn = drawn.clamp_max(points.shape[0] - 1)
-        trial = torch.minimum(_squared_distance(points, points[drawn]), nearest[:, None])
+        distance = _weighted(_squared_distance(points, points[drawn]), weight)
+        trial = torch.minimum(distance, nearest[:, None])
         best = trial.sum(0).argmin()
         chosen.append(points[drawn[best]])
-        nearest = trial[:, best]
+        nearest = torch.where(trial[:, best] <= blur, 0.0, trial[:, best])
         total = nearest.sum().item()
     return torch.stack(chosen), total
 
@@ -122,12 +145,12 @@ def _assign(points: Tensor, centers: Tensor) -> tuple[Tensor, Tensor]:
     return torch.cat(labels), torch.cat(least).clamp_min(0)
 
 
-def _lloyd(points: Tensor, centers: Tensor, iterations: int) -> Tensor:
+def _lloyd(points: Tensor, centers: Tensor, iterations: int, weight: Tensor | None) -> Tensor:
     """Lloyd iterations until the labels stay; labels `[N]`, every cluster with a point."""
     labels, distance = _assign(points, centers)
     labels = _fill_empty(points, labels, distance, centers.shape[0])
     for _ in range(iterations):
-        centers = _means(points, labels, centers.shape[0])
+        centers = _means(points, labels, centers.shape[0], weight)
         moved, distance = _assign(points, centers)
         moved = _fill_empty(points, moved, distance, centers.shape[0])
         if torch.equal(moved, labels):
@@ -152,12 +175,13 @@ def _fill_empty(points: Tensor, labels: Tensor, distance: Tensor, k: int) -> Ten
     return labels
 
 
-def _means(points: Tensor, labels: Tensor, k: int) -> Tensor:
+def _means(points: Tensor, labels: Tensor, k: int, weight: Tensor | None) -> Tensor:
     """Mean of each cluster `[K, P]`, by matrix products: repeatable on a GPU, unlike scatter."""
     total = points.new_zeros(k, points.shape[1])
-    size = torch.bincount(labels, minlength=k)  # [K]
+    size = torch.bincount(labels, weight, minlength=k)  # [K]
     cluster = torch.arange(k, device=points.device)[:, None]  # [K, 1]
     block = max(1, BLOCK_ELEMENTS // k)
-    for part, label in zip(points.split(block), labels.split(block), strict=True):
+    heavy = _weighted(points, weight)
+    for part, label in zip(heavy.split(block), labels.split(block), strict=True):
         total += (cluster == label).to(points.dtype) @ part
     return total / size[:, None]

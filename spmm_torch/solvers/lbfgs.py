@@ -45,6 +45,7 @@ class OptimizeResult:
     value: Tensor  # [R]
     converged: Tensor  # [R] bool
     failed: Tensor  # [R] bool, the objective or its gradient was NaN or infinite
+    stuck: Tensor  # [R] bool, no line search from the start found a lower value
 
 
 @dataclass
@@ -101,6 +102,7 @@ def minimize_lbfgs(
     if value_tolerance is None:
         value_tolerance = ROUNDING_UNITS * torch.finfo(start.dtype).eps
     state = _begin(objective, project(start), history)
+    first = state.value.clone()
     _new_direction(state, project, torch.ones_like(state.failed), first_step, gradient_tolerance)
     for evaluation in range(iterations):
         running = ~(state.converged | state.failed | state.stalled)
@@ -113,7 +115,9 @@ def minimize_lbfgs(
         exhausted = _shorten(state, trial, value, running & ~accepted, backtracks)
         renewed = accepted | exhausted
         _new_direction(state, project, renewed, first_step, gradient_tolerance)
-    return OptimizeResult(state.x, state.value, state.converged & ~state.failed, state.failed)
+    stuck = state.stalled & (state.value == first)
+    converged = state.converged & ~state.failed
+    return OptimizeResult(state.x, state.value, converged, state.failed, stuck)
 
 
 def _begin(objective: Objective, x: Tensor, history: int) -> _State:

@@ -33,13 +33,16 @@ class VarProResult:
         coordinates: `[S, M, P]`.
         weights: non-negative, `[S, M, C]`.
         loss: remaining squared error `[S]`.
-        failed: `[S]`, True where no finite loss was ever seen; the start is returned there.
+        failed: `[S]`, True where a loss or slope was NaN or infinite at a point that others were
+            to follow; the best point before that is returned.
+        stuck: `[S]`, True where no step, however short, lowered the loss of the start.
     """
 
     coordinates: Tensor
     weights: Tensor
     loss: Tensor
     failed: Tensor
+    stuck: Tensor
 
 
 @dataclass(frozen=True)
@@ -74,23 +77,25 @@ def refine_mixtures(
         tolerance: a mixture is done when a step lowers its loss by less than this share of it.
     """
     state = _State.begin(values, start, present, signals)
-    failed = ~torch.isfinite(state.loss)
+    failed, first = ~torch.isfinite(state.loss), state.loss.clone()
     rows = torch.nonzero(~failed).squeeze(1)  # those still moving
     for _ in range(iterations):
         if not len(rows):
             break
         now = state.take(rows)
         rho, slope = jacobian(now.coordinates, rows)
-        step = _step(rho, slope, now.weights, present[rows], signals[rows], now.damping)
+        step, usable = _step(rho, slope, now.weights, present[rows], signals[rows], now.damping)
+        failed[rows] = ~usable
         trial = project(now.coordinates + step.to(start.dtype), rows)
         fit = _evaluate(values(trial, rows), present[rows], signals[rows])
         gain = now.loss - fit.loss
         state.put(rows, now.moved(trial, fit, gain > 0.0))  # False for NaN
         settled = (gain >= 0.0) & (gain <= tolerance * now.loss)
         stuck = state.damping[rows] >= DAMPING_MAX
-        rows = rows[~(settled | stuck)]
+        rows = rows[~(settled | stuck) & usable]
     weights = state.weights.transpose(1, 2).to(start.dtype)
-    return VarProResult(state.coordinates, weights, state.loss, failed)
+    stuck = (state.damping >= DAMPING_MAX) & (state.loss == first)
+    return VarProResult(state.coordinates, weights, state.loss, failed, stuck)
 
 
 @dataclass
@@ -144,8 +149,8 @@ def _step(
     present: Tensor,
     signals: Tensor,
     damping: Tensor,
-) -> Tensor:
-    """One damped Gauss-Newton step `[S, M, P]`."""
+) -> tuple[Tensor, Tensor]:
+    """One damped Gauss-Newton step `[S, M, P]`, and whether there is one `[S]`."""
     s, m, p, _ = slope.shape
     error = signals - weights.to(rho.dtype) @ rho  # [S, C, D]
     flat = slope.flatten(1, 2)  # [S, M P, D]
@@ -154,7 +159,8 @@ def _step(
     share = spread.transpose(1, 2) @ spread  # [S, M P, M P]
     hessian = share * (flat @ flat.transpose(1, 2)).double()
     hessian = hessian - _projected_part(rho, flat, weights, spread, present)
-    return damped_step(hessian, gradient, damping).view(s, m, p)
+    step = damped_step(hessian, gradient, damping).view(s, m, p)
+    return step, torch.isfinite(gradient).all(1)
 
 
 def damped_step(hessian: Tensor, gradient: Tensor, damping: Tensor) -> Tensor:

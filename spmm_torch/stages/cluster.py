@@ -13,12 +13,17 @@ from ..data import BTF
 from ..memory import slices
 from ..ranks import ALONE, Ranks
 from ..solvers.kmeans import kmeans
+from ..weights import UNIFORM, Weights
 
 # Columns that the randomized sketch carries beyond the components asked for [HMT11, §4.2].
 OVERSAMPLING = 8
 # Values that are held as float32 at once while the data are passed over: 128 MB on a CPU, 2 GB on
 # a GPU. The same whatever memory there is, so that sums round the same.
 CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES = 1 << 25, 1 << 29
+
+# Share of a texel's norm that the float32 sums behind its coordinates may be off by, generously:
+# equal texels then stay equal whatever block they were in.
+COORDINATE_ROUNDING = 1e-5
 
 Advance = Callable[[int], None]
 
@@ -66,6 +71,7 @@ def principal_points(
     device: torch.device,
     advance: Advance,
     ranks: Ranks = ALONE,
+    weights: Weights = UNIFORM,
 ) -> Tensor:
     """Coordinates `[T, P]` of the texels on their leading right singular vectors.
 
@@ -81,18 +87,25 @@ def principal_points(
     # In float64, so that the order of the blocks does not show.
     back = torch.zeros(width, rank, dtype=torch.float64, device=device)
     for block in mine:  # Y^T (Y probe), without keeping Y
-        values = btf.texels(block, device).flatten(1)
+        values = _weighted(weights, weights.values(btf, block, device).flatten(1), block)
         back += values.T @ (values @ probe)
         advance(ranks.size * len(values))
     basis = torch.linalg.qr(ranks.sum(back).float()).Q  # [D C, rank], the right singular space
     points = torch.zeros(btf.texel_count, rank)
     for block in mine:
-        values = btf.texels(block, device).flatten(1)
+        values = weights.values(btf, block, device).flatten(1)
         points[block] = (values @ basis).cpu()
         advance(ranks.size * len(values))
     points = ranks.sum(points)  # each row is zero on all ranks but one
-    rotation = torch.linalg.svd(points, full_matrices=False).Vh.T
+    spread = _weighted(weights, points, slice(None))
+    rotation = torch.linalg.svd(spread, full_matrices=False).Vh.T
     return (points @ rotation)[:, :components]
+
+
+def _weighted(weights: Weights, rows: Tensor, texels: slice) -> Tensor:
+    """Rows `[n, P]` of some texels, scaled by sqrt(v_t)."""
+    of_texels = weights.of_texels(texels, rows.device)
+    return rows if of_texels is None else rows * of_texels.sqrt()[:, None]
 
 
 def cluster_texels(
@@ -102,20 +115,34 @@ def cluster_texels(
     device: torch.device,
     advance: Advance,
     ranks: Ranks = ALONE,
+    weights: Weights = UNIFORM,
 ) -> Clusters:
     """k-means of all texels; fewer clusters where there are fewer distinct texels."""
-    points = principal_points(btf, config.components, generator, device, advance, ranks)
+    points = principal_points(btf, config.components, generator, device, advance, ranks, weights)
     count = min(config.count, btf.texel_count)
+    own = weights.of_texels(slice(None))
     labels = ranks.first(
-        lambda: kmeans(points, count, generator, iterations=config.iterations).labels
+        lambda: (
+            kmeans(
+                points,
+                count,
+                generator,
+                iterations=config.iterations,
+                resolution=COORDINATE_ROUNDING * points.norm(dim=1),
+                weights=own,
+            ).labels
+        )
     )
     return Clusters.of_labels(points, labels)
 
 
 def sample_texels(
-    clusters: Clusters, config: SampleConfig, generator: torch.Generator
+    clusters: Clusters,
+    config: SampleConfig,
+    generator: torch.Generator,
+    weights: Weights = UNIFORM,
 ) -> tuple[Tensor, Tensor]:
-    """One random texel of each sub-cluster of each cluster.
+    """One random texel of each sub-cluster of each cluster, by weight.
 
     Returns:
         (texel index `[S]`, its cluster `[S]`).
@@ -123,10 +150,19 @@ def sample_texels(
     texels, owners = [], []
     for cluster, members in enumerate(clusters.members):
         count = min(config.per_cluster, len(members))
-        labels = kmeans(clusters.points[members], count, generator).labels
+        points, own = clusters.points[members], weights.of_texels(members)
+        resolution = COORDINATE_ROUNDING * points.norm(dim=1)
+        labels = kmeans(points, count, generator, resolution=resolution, weights=own).labels
         for stratum in range(int(labels.max()) + 1):
             inside = members[labels == stratum]
-            choice = int(torch.randint(len(inside), (1,), generator=generator))
-            texels.append(inside[choice])
+            texels.append(inside[_drawn(inside, weights, generator)])
             owners.append(cluster)
     return torch.stack(texels), torch.tensor(owners)
+
+
+def _drawn(texels: Tensor, weights: Weights, generator: torch.Generator) -> int:
+    """The place of one of some texels, drawn by weight."""
+    chance = weights.of_texels(texels)
+    if chance is None or not bool(chance.any()):
+        return int(torch.randint(len(texels), (1,), generator=generator))
+    return int(torch.multinomial(chance.double(), 1, generator=generator))

@@ -7,7 +7,7 @@ weights and, by variable projection, of all normals and parameters of the sample
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import torch
@@ -16,10 +16,11 @@ from torch import Tensor
 from ..config import SearchConfig
 from ..lobe import COORDINATES, Feasible, LobeBatch, decode, encode
 from ..solvers.corrective import select_corrective
+from ..solvers.multistart import StartTally, best_start
 from ..solvers.varpro import refine_mixtures
 from .bank import Bank
 from .grid import SAME_LOBE, DirectionGrid, distinct
-from .span import spanned_lobes
+from .mixtures import Mixtures
 
 # A sample whose error is this share of its energy is done: 70 dB, the rounding of float32.
 ENERGY_FLOOR = 1e-7
@@ -38,44 +39,14 @@ Advance = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Mixtures:
-    """Lobes of S samples, M at most each.
-
-    Attributes:
-        model: `[S, M]` on the CPU.
-        coordinates: search coordinates `[S, M, P]`.
-        present: `[S, M]`, False for padding.
-        weights: `[S, M, C]`.
-        loss: remaining squared error `[S]`, float64.
-    """
-
-    model: Tensor
-    coordinates: Tensor
-    present: Tensor
-    weights: Tensor
-    loss: Tensor
-
-    def take(self, rows: Tensor) -> Mixtures:
-        """The mixtures of some samples."""
-        return Mixtures(self.model[rows.cpu()], *(x[rows] for x in self._tensors()))
-
-    def put(self, rows: Tensor, other: Mixtures) -> None:
-        """Overwrites the mixtures of some samples in place."""
-        self.model[rows.cpu()] = other.model
-        for mine, theirs in zip(self._tensors(), other._tensors(), strict=True):
-            mine[rows] = theirs
-
-    def _tensors(self) -> tuple[Tensor, ...]:
-        return self.coordinates, self.present, self.weights, self.loss
-
-
-@dataclass(frozen=True)
 class CorrectiveSearch:
     """What the steps of the search share.
 
     Attributes:
         grid, bank, feasible, config: as given to the search.
         signals: `[S, C, D]`.
+        known: lobes found beforehand, which all samples may borrow.
+        tally: counts the starts that fail.
     """
 
     grid: DirectionGrid
@@ -83,6 +54,8 @@ class CorrectiveSearch:
     feasible: Feasible
     config: SearchConfig
     signals: Tensor
+    known: LobeBatch
+    tally: StartTally = field(default_factory=StartTally)
 
     @cached_property
     def energy(self) -> Tensor:
@@ -92,8 +65,7 @@ class CorrectiveSearch:
     def run(self, advance: Advance) -> Mixtures:
         """Grows, exchanges and polishes the lobes of every sample."""
         mixtures = self._empty()
-        known = spanned_lobes(self.signals.flatten(0, 1), self.grid, self.bank, self.feasible)
-        self._borrow(mixtures, known)
+        self._borrow(mixtures)
         growing = mixtures.loss > ENERGY_FLOOR * self.energy
         for _ in range(self.config.max_lobes):
             rows = torch.nonzero(growing & ~mixtures.present.all(1)).squeeze(1)
@@ -111,7 +83,7 @@ class CorrectiveSearch:
             if idle and (len(few) < len(rows) or idle == self.config.max_lobes):
                 advance(len(growing) * (self.config.exchanges - turn - 1))
                 break
-        self._borrow(mixtures, known)
+        self._borrow(mixtures)
         return mixtures
 
     def _polish(self, mixtures: Mixtures) -> None:
@@ -121,12 +93,12 @@ class CorrectiveSearch:
 
     def _empty(self) -> Mixtures:
         samples, channels, _ = self.signals.shape
-        device, slots = self.signals.device, self.config.max_lobes
+        slots = self.config.max_lobes
         return Mixtures(
             torch.zeros(samples, slots, dtype=torch.long),
-            torch.zeros(samples, slots, COORDINATES, device=device),
-            torch.zeros(samples, slots, dtype=torch.bool, device=device),
-            torch.zeros(samples, slots, channels, device=device),
+            self.signals.new_zeros(samples, slots, COORDINATES),
+            self.signals.new_zeros(samples, slots, dtype=torch.bool),
+            self.signals.new_zeros(samples, slots, channels),
             self.energy.clone(),
         )
 
@@ -165,14 +137,14 @@ class CorrectiveSearch:
         mixtures.put(rows[better], trial.take(better))
         return float((1.0 - trial.loss / before.loss).clamp(min=0.0).mean())
 
-    def _borrow(self, mixtures: Mixtures, known: LobeBatch) -> None:
+    def _borrow(self, mixtures: Mixtures) -> None:
         """Fits every unsolved sample anew with the lobes of all samples, and keeps what is better.
 
         Samples of one material get stuck in different places: what one of them found frees
-        another. Lobes `known` beforehand are lent too.
+        another. Lobes known beforehand are lent too.
         """
         rows = self._unsolved(mixtures)
-        pool = self._pool(mixtures, known)
+        pool = self._pool(mixtures)
         if not len(rows) or not len(pool):
             return
         coordinates = encode(pool)
@@ -194,12 +166,12 @@ class CorrectiveSearch:
         better = torch.nonzero(trial.loss < mixtures.loss[rows]).squeeze(1)
         mixtures.put(rows[better], trial.take(better))
 
-    def _pool(self, mixtures: Mixtures, known: LobeBatch) -> LobeBatch:
+    def _pool(self, mixtures: Mixtures) -> LobeBatch:
         """Known lobes, then those of all samples, the best fits first; no two alike."""
         order = (mixtures.loss / self.energy.clamp(min=TINY)).argsort(stable=True)
         used = mixtures.present[order]
         own = decode(mixtures.model[order.cpu()][used.cpu()], mixtures.coordinates[order][used])
-        lobes = LobeBatch.cat([known, own])
+        lobes = LobeBatch.cat([self.known, own])
         atoms = self.grid.eval(lobes)
         atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
         return lobes[distinct(atoms, SAME_LOBE)]
@@ -222,10 +194,10 @@ class CorrectiveSearch:
         trials = [self._with_lobe(mixtures, slot, start) for start in starts]
         joined = Mixtures(
             torch.cat([trial.model for trial in trials]),
-            *(torch.cat(x) for x in zip(*(trial._tensors() for trial in trials), strict=True)),
+            *(torch.cat(x) for x in zip(*(trial.tensors() for trial in trials), strict=True)),
         )
         refined = self._refine(joined, rows.repeat(len(starts)), self.config.refine_steps)
-        which = refined.loss.view(len(starts), -1).argmin(0)  # [s]
+        which = best_start(refined.loss.view(len(starts), -1))  # [s]
         return refined.take(which * len(rows) + torch.arange(len(rows), device=which.device))
 
     def _starts(self, mixtures: Mixtures, rows: Tensor, count: int) -> Tensor:
@@ -288,6 +260,7 @@ class CorrectiveSearch:
                 iterations=steps,
                 tolerance=self.config.tolerance,
             )
+            self.tally.add(result.failed, result.stuck)
             parts.append(result)
         coordinates, weights = mixtures.coordinates.clone(), torch.zeros_like(mixtures.weights)
         coordinates[:, :used] = torch.cat([part.coordinates for part in parts])

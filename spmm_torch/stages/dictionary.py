@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -20,25 +20,29 @@ class FoundLobes:
         lobes: N lobes.
         cluster: cluster of the sample that each was found on, `[N]` on the CPU.
         error: share of its sample's energy that the sample's lobes leave, `[N]` on the CPU.
+        starts: how many starts there were, how many of them met NaN or infinity, and from how
+            many no step went down, `[3]` on the CPU.
     """
 
     lobes: LobeBatch
     cluster: Tensor
     error: Tensor
+    starts: Tensor
 
     def on_cpu(self) -> FoundLobes:
         """The same with the lobes on the CPU."""
-        return FoundLobes(self.lobes.to("cpu"), self.cluster, self.error)
+        return replace(self, lobes=self.lobes.to("cpu"))
 
     def to_tensors(self) -> dict[str, Tensor]:
         """For a checkpoint."""
-        return {"cluster": self.cluster, "error": self.error, **vars(self.lobes)}
+        own = {name: getattr(self, name) for name in ("cluster", "error", "starts")}
+        return {**own, **vars(self.lobes)}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> FoundLobes:
         """From a checkpoint, on the CPU."""
         parts = (tensors[name] for name in ("model", "kappa", "normal", "angle"))
-        return cls(LobeBatch(*parts), tensors["cluster"], tensors["error"])
+        return cls(LobeBatch(*parts), *(tensors[name] for name in ("cluster", "error", "starts")))
 
 
 @dataclass(frozen=True)
@@ -50,12 +54,15 @@ class Dictionary:
         atoms: their values on all pairs, each of unit norm, `[J, D]`.
         norm: norms of the values before that, `[J]`.
         choices: for each cluster, the indices of the lobes open to it, on the CPU.
+        raw: the values over the norm without the weights of the pairs, `[J, D]`; the atoms
+            themselves where nothing is weighted.
     """
 
     lobes: LobeBatch
     atoms: Tensor
     norm: Tensor
     choices: list[Tensor]
+    raw: Tensor
 
 
 def build_dictionary(
@@ -79,4 +86,6 @@ def build_dictionary(
         kept = torch.cat(groups)
         choices = list(torch.arange(len(kept)).split([len(group) for group in groups]))
     where = kept.to(atoms.device)
-    return Dictionary(lobes[order][where], atoms[where], norm[order][where], choices)
+    lobes, atoms, norm = lobes[order][where], atoms[where], norm[order][where]
+    raw = atoms if grid.scale is None else grid.unscaled.eval(lobes) / norm[:, None]
+    return Dictionary(lobes, atoms, norm, choices, raw)

@@ -22,15 +22,26 @@ class DirectionGrid:
     Attributes:
         light: `[1, 1, L, 3]`.
         view: `[1, V, 1, 3]`.
+        scale: square roots of the weights of the pairs, `[D]`, by which all values of lobes are
+            scaled; None: 1.
     """
 
     light: Tensor
     view: Tensor
+    scale: Tensor | None = None
 
     @classmethod
-    def build(cls, light: Tensor, view: Tensor, device: torch.device) -> DirectionGrid:
+    def build(
+        cls, light: Tensor, view: Tensor, device: torch.device, scale: Tensor | None = None
+    ) -> DirectionGrid:
         """The grid of lights `[L, 3]` and views `[V, 3]`."""
-        return cls(light.to(device)[None, None], view.to(device)[None, :, None])
+        scale = None if scale is None else scale.to(device)
+        return cls(light.to(device)[None, None], view.to(device)[None, :, None], scale)
+
+    @property
+    def unscaled(self) -> DirectionGrid:
+        """The same pairs without weights."""
+        return DirectionGrid(self.light, self.view)
 
     @property
     def pair_count(self) -> int:
@@ -45,7 +56,15 @@ class DirectionGrid:
 
     def eval(self, lobes: LobeBatch) -> Tensor:
         """Values of lobes on all pairs, `[J, D]`."""
-        return lobes.eval(self.light, self.view).flatten(1)
+        return self._scaled(lobes.eval(self.light, self.view).flatten(1))
+
+    def eval_at(self, lobes: LobeBatch, pairs: Tensor) -> Tensor:
+        """Values `[J, N]` of each lobe on pairs of its own, `[J, N]`."""
+        values = lobes.eval(*self.at(pairs))
+        return values if self.scale is None else values * self.scale[pairs]
+
+    def _scaled(self, values: Tensor) -> Tensor:
+        return values if self.scale is None else values * self.scale
 
     def at(self, pairs: Tensor) -> tuple[Tensor, Tensor]:
         """Directions (wi, wo), both `[..., 3]`, of pair indices `[...]`."""
@@ -64,7 +83,8 @@ class DirectionGrid:
         rho, slope = eval_with_jacobian(
             model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view
         )
-        return rho.flatten(1).unflatten(0, model.shape), slope.flatten(2).unflatten(0, model.shape)
+        rho, slope = self._scaled(rho.flatten(1)), self._scaled(slope.flatten(2))
+        return rho.unflatten(0, model.shape), slope.unflatten(0, model.shape)
 
 
 def distinct(atoms: Tensor, limit: float) -> Tensor:

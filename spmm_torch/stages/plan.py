@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..config import FitConfig
+from ..config import FitConfig, WeightsConfig
 from ..data import BTF
 from ..memory import Budget, resident_memory
 from ..progress import duration
@@ -22,6 +22,8 @@ FLOAT = 4
 BLOCK_COPIES = 4
 # Copies of the samples, of the bank and of the batch of slopes that the search holds.
 SAMPLE_COPIES, BANK_COPIES, SLOPE_COPIES = 6, 2, 8
+# Copies of the dictionary where values count by weight: scaled, as it is, and of measured pairs.
+WEIGHTED_COPIES = 3
 # Bytes that the selection holds for each texel and atom.
 SELECT_BYTES = 120
 # Share of the lobes found that the dictionary keeps, about.
@@ -71,7 +73,7 @@ def estimate(btf: BTF, config: FitConfig, device: torch.device) -> Plan:
     return Plan(
         seconds=_seconds(btf, config, device, samples),
         working_bytes=_working_bytes(btf, config, device, samples, found),
-        decoded_bytes=0 if btf.streamed else btf.raw_bytes,
+        decoded_bytes=0 if btf.streamed else btf.raw_bytes * btf.pair_count // btf.measured_count,
     )
 
 
@@ -87,8 +89,10 @@ def _working_bytes(
     block = FLOAT * BLOCK_COPIES * CPU_BLOCK_VALUES
     search = FLOAT * pairs * (SAMPLE_COPIES * samples * btf.channels + BANK_COPIES * bank)
     search += FLOAT * SLOPE_COPIES * CPU_SLOPES
-    dictionary = FLOAT * pairs * 3 * found
-    select = FLOAT * pairs * found + block + SELECT_BYTES * CPU_TEXELS * found
+    uniform = config.weights == WeightsConfig() and btf.missing is None
+    copies = 1 if uniform else WEIGHTED_COPIES
+    dictionary = FLOAT * pairs * (2 + copies) * found
+    select = FLOAT * pairs * copies * found + block + SELECT_BYTES * CPU_TEXELS * found
     return resident + max(block, search, dictionary, select)
 
 

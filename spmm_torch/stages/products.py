@@ -22,6 +22,7 @@ def cluster_products(
     *,
     in_memory: bool = True,
     ranks: Ranks = ALONE,
+    importance: Tensor | None = None,
 ) -> Products:
     """The products of n texels with the atoms, and with the mean of the whole cluster.
 
@@ -32,6 +33,7 @@ def cluster_products(
         atoms: `[J, D]`, of unit norm.
         in_memory: whether D^T y may lie in memory; else it goes to a scratch file.
         ranks: that share the cluster, n texels each or so.
+        importance: weights of the n texels, `[n]`; None: 1.
     """
     texels, channels = shape
     device = atoms.device
@@ -39,18 +41,23 @@ def cluster_products(
     energy = torch.zeros(texels, channels, dtype=torch.float64, device=device)
     total = torch.zeros(channels, atoms.shape[1], dtype=torch.float64, device=device)
     signals = torch.empty(0)
+    weight = None if importance is None else importance.to(energy)  # [n]
     for part in parts:
         signals = _signals(load, part)
         correlation[part] = (signals @ atoms.T).transpose(1, 2).to(correlation.device)
         energy[part] = (signals * signals).sum(2, dtype=torch.float64)
-        total += signals.sum(0, dtype=torch.float64)
-    count = int(ranks.sum(torch.tensor(texels)))
-    mean = (ranks.sum(total) / count).float()  # [C, D]
+        if weight is None:
+            total += signals.sum(0, dtype=torch.float64)
+        else:
+            total += torch.einsum("n,ncd->cd", weight[part], signals.double())
+    count, effective = _sizes(texels, weight, ranks)
+    mean = (ranks.sum(total) / count).to(atoms.dtype)  # [C, D]
     overlap = torch.zeros_like(energy)
     for part in parts:
         if len(parts) > 1:
             signals = _signals(load, part)
         overlap[part] = (signals * mean).sum(2, dtype=torch.float64)
+    along = overlap if weight is None else overlap * weight[:, None]
     return Products(
         gram=atoms @ atoms.T,
         correlation=correlation,
@@ -58,9 +65,20 @@ def cluster_products(
         overlap=overlap,
         mean=mean.T,
         mean_correlation=atoms @ mean.T,
-        mean_energy=ranks.sum(overlap.sum(0)) / count,
+        mean_energy=ranks.sum(along.sum(0)) / count,
         count=count,
+        effective=effective,
+        importance=weight,
     )
+
+
+def _sizes(texels: int, weight: Tensor | None, ranks: Ranks) -> tuple[float, float]:
+    """Count and effective count of all texels of a cluster, see `Products`."""
+    if weight is None:
+        count = int(ranks.sum(torch.tensor(texels)))
+        return count, count
+    sums = ranks.sum(torch.stack((weight.sum(), weight.square().sum())))
+    return float(sums[0]), float(sums[0] ** 2 / sums[1])
 
 
 def _signals(load: Load, part: slice) -> Tensor:

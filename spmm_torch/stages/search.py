@@ -8,14 +8,21 @@ from torch import Tensor
 from ..config import FitConfig, SearchConfig
 from ..data import BTF
 from ..lobe import Feasible, decode
+from ..weights import UNIFORM, Weights
 from .bank import build_bank
-from .corrective import FEW_ROWS, Advance, CorrectiveSearch, Mixtures
+from .corrective import FEW_ROWS, Advance, CorrectiveSearch
 from .dictionary import FoundLobes
 from .grid import DirectionGrid
+from .mixtures import Mixtures
+from .span import spanned_lobes
 from .stagewise import StagewiseSearch
 
 # Normals of the bank where the settings leave them open: few samples can afford a finer one.
 FINE_NORMALS, COARSE_NORMALS = 120, 64
+# Share of the least width down to which lobes may go where samples are exact sums of few lobes.
+# Anywhere else a lobe narrower than the gaps between measured half vectors, a quarter of the angle
+# between directions, is seen by its tails alone, and its peak between the samples is made up.
+EXACT_WIDTH = 0.5
 
 
 def search_steps(config: FitConfig, samples: int) -> int:
@@ -40,22 +47,33 @@ def search_lobes(
     config: FitConfig,
     generator: torch.Generator,
     advance: Advance,
+    weights: Weights = UNIFORM,
 ) -> FoundLobes:
-    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2]."""
+    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2].
+
+    Args:
+        grid: scaled as the weights of the pairs say.
+        weights: by which values are scaled, too.
+    """
     search = config.search
     feasible = Feasible.build(search.min_width * grid.spacing)
     bank = build_bank(grid, search.models, bank_normals(search, len(texels)), feasible)
-    signals = btf.texels(texels, grid.light.device).transpose(1, 2).contiguous()  # [S, C, D]
+    fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
+    signals = weights.values(btf, texels, grid.light.device)
+    signals = signals.transpose(1, 2).contiguous()  # [S, C, D]
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
             grid, bank, feasible, search, config.stagewise, signals, generator
         )
     else:
-        finder = CorrectiveSearch(grid, bank, feasible, search, signals)
-    return _found(finder.run(advance), clusters, signals)
+        known = spanned_lobes(signals.flatten(0, 1), grid, bank, fine)
+        bounds = fine if len(known) else feasible
+        finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
+    mixtures = finder.run(advance)
+    return _found(mixtures, clusters, signals, finder.tally.to_tensor())
 
 
-def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor) -> FoundLobes:
+def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, starts: Tensor) -> FoundLobes:
     """All lobes that carry weight, and how well the sample of each is fit."""
     used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
     host = used.cpu()
@@ -63,4 +81,4 @@ def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor) -> FoundLobes:
     energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
     wide = [column.cpu()[:, None].expand(host.shape)[host] for column in (clusters, error)]
-    return FoundLobes(lobes, *wide)
+    return FoundLobes(lobes, *wide, starts)

@@ -29,7 +29,12 @@ class Products:
         mean: mean y over the whole cluster, `[D, C]`.
         mean_correlation: D^T mean y, `[J, C]`.
         mean_energy: ||mean y||^2, `[C]` float64.
-        count: N.
+        count: N, or the sum of the weights of the N texels.
+        effective: N, or how many texels of equal weights say as much [Kis65].
+        importance: the weights of the n texels, `[n]` float64; None: 1.
+
+    References:
+        [Kis65] Kish, Survey Sampling, 1965, section 8.2.
     """
 
     gram: Tensor
@@ -39,7 +44,9 @@ class Products:
     mean: Tensor
     mean_correlation: Tensor
     mean_energy: Tensor
-    count: int
+    count: float
+    effective: float
+    importance: Tensor | None = None
 
     def part(self, texels: slice) -> Products:
         """The same of some of the n texels; the cluster stays the same."""
@@ -48,7 +55,21 @@ class Products:
             correlation=self.correlation[texels].to(self.gram.device),
             energy=self.energy[texels],
             overlap=self.overlap[texels],
+            importance=None if self.importance is None else self.importance[texels],
         )
+
+    def total(self, values: Tensor) -> Tensor:
+        """The sum `[]` of values `[n, ...]`, each by the weight of its texel."""
+        if self.importance is None:
+            return values.sum()
+        return (values * self.importance.view(-1, *[1] * (values.dim() - 1))).sum()
+
+    def least_gain(self, share: float) -> float | Tensor:
+        """The share of its error that a lobe must take away in a texel, `[n]` where it varies.
+
+        A lobe costs the same in all texels, so where errors count twice, half of it will do.
+        """
+        return share if self.importance is None else (share / self.importance).clamp(max=1.0)
 
 
 @dataclass(frozen=True)
@@ -63,11 +84,13 @@ class Fit:
     index: Tensor
     weights: Tensor
 
-    def total_weights(self, atoms: int) -> Tensor:
-        """The sum over the texels of the weight of every atom, `[J, C]` float64."""
+    def total_weights(self, atoms: int, importance: Tensor | None = None) -> Tensor:
+        """The sum over the texels, by their `importance [n]`, of every atom: `[J, C]` float64."""
         total = self.weights.new_zeros(atoms, self.weights.shape[2], dtype=torch.float64)
-        weights = self.weights.flatten(0, 1).double()
-        return total.index_add_(0, self.index.clamp(min=0).flatten(), weights)
+        weights = self.weights.double()
+        if importance is not None:
+            weights = weights * importance[:, None, None]
+        return total.index_add_(0, self.index.clamp(min=0).flatten(), weights.flatten(0, 1))
 
 
 def select(
@@ -85,7 +108,7 @@ def select(
         target.correlation,
         target.energy,
         max_lobes=min(limit, products.gram.shape[0]),
-        min_gain=config.min_gain,
+        min_gain=products.least_gain(config.min_gain),
     )
     return _compact(Fit(chosen.index, chosen.weights.to(products.correlation.dtype)))
 
@@ -162,7 +185,7 @@ def taken_by_residual(products: Products, mean: Tensor) -> float:
     return products.count * max(float(taken), 0.0)
 
 
-def residual_share(without: float, taken: float, texels: int) -> float:
+def residual_share(without: float, taken: float, texels: float) -> float:
     """The share of the residual in the target that makes the most of both errors together.
 
     The sum of both signal-to-noise ratios in dB is stationary where their errors E0 and E1 are

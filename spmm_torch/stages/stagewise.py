@@ -8,7 +8,7 @@ All samples, channels, models and starts are one batch.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -17,9 +17,10 @@ from ..config import SearchConfig, StagewiseConfig
 from ..lobe import COORDINATES, Feasible, decode
 from ..solvers.adam import minimize_adam
 from ..solvers.lbfgs import OptimizeResult, minimize_lbfgs
+from ..solvers.multistart import StartTally
 from .bank import Bank
-from .corrective import Mixtures
 from .grid import SAME_LOBE, DirectionGrid
+from .mixtures import Mixtures
 
 # xi of [ZY07] in units of eta^2, above the rounding of float32.
 STEP_TOLERANCE = 1e-3
@@ -57,6 +58,7 @@ class StagewiseSearch:
         signals: `[S, C, D]`.
         pairs: direction pairs on which Eq. 5 is climbed, `[S, N]`, drawn by energy.
         importance: square roots of their weights, `[S, N]`, that keep inner products unbiased.
+        tally: counts the starts that fail.
     """
 
     grid: DirectionGrid
@@ -67,6 +69,7 @@ class StagewiseSearch:
     signals: Tensor
     pairs: Tensor
     importance: Tensor
+    tally: StartTally = field(default_factory=StartTally)
 
     @classmethod
     def build(
@@ -87,16 +90,8 @@ class StagewiseSearch:
         chosen = chance.gather(1, drawn)
         importance = (config.pairs * chosen).rsqrt()
         device = signals.device
-        return cls(
-            grid,
-            bank,
-            feasible,
-            config,
-            stagewise,
-            signals,
-            drawn.to(device),
-            importance.to(device),
-        )
+        drawn, importance = drawn.to(device), importance.to(device)
+        return cls(grid, bank, feasible, config, stagewise, signals, drawn, importance)
 
     def run(self, advance: Advance) -> Mixtures:
         """Follows the path of every sample to lambda_min, then drops weights under 2 eta."""
@@ -212,7 +207,7 @@ class StagewiseSearch:
             value = self._correlation(model, found, signals)
             kept = self._correlation(model, start, signals)  # the draw of pairs may mislead
             found = torch.where((value >= kept)[:, None], found, start)
-            value = torch.maximum(value, kept)
+            value = torch.where(value >= kept, value, kept)  # False for NaN
             better = value > best_value
             best_value = torch.where(better, value, best_value)
             best = torch.where(better[:, None], found, best)
@@ -247,7 +242,9 @@ class StagewiseSearch:
                 steps=self.config.adam_steps,
                 learning_rate=LEARNING_RATE,
             )
+            climbed = result.failed
             result = minimize_lbfgs(problem, result.x, project, iterations=self.config.lbfgs_steps)
+            self.tally.add(climbed | result.failed, result.stuck)
             parts.append(_or_start(result, start[chunk]))
         return torch.cat(parts)
 
@@ -282,8 +279,7 @@ class _Correlation:
     def __call__(self, coordinates: Tensor) -> tuple[Tensor, Tensor]:
         with torch.enable_grad():
             x = coordinates.detach().requires_grad_()
-            wi, wo = self.grid.at(self.pairs)  # [R, N, 3]
-            rho = decode(self.model, x).eval(wi, wo) * self.importance
+            rho = self.grid.eval_at(decode(self.model, x), self.pairs) * self.importance
             norm = (rho.square().sum(1) + NORM_EPS).sqrt()
             size = self.target.norm(dim=1).clamp(min=NORM_EPS)
             value = -(rho * self.target).sum(1) / (norm * size)  # Eq. (5)

@@ -14,11 +14,13 @@ from ..data import BTF
 from ..memory import slices
 from ..metrics import Totals
 from ..ranks import Ranks
-from ..residual import decode_residual, encode_residual
 from ..stopwatch import Stopwatch
+from ..weights import UNIFORM, Weights
 from .cluster import Advance, block_texels
 from .dictionary import Dictionary
-from .products import cluster_products
+from .exact import exact_where_doubtful
+from .missing import MissingPairs
+from .products import Load, cluster_products
 from .select import (
     Fit,
     Products,
@@ -29,6 +31,7 @@ from .select import (
     taken_by_residual,
     target_beside_residual,
 )
+from .tally import Tally, WeightedTally, tally_uniform
 
 # Texels that are selected for at once, so that the sums over their atoms take little memory; the
 # same whatever memory there is.
@@ -47,7 +50,8 @@ class ClusterFit:
         weights: `[n, M, C]`, of lobes as they are (not of unit norm).
         code: the stored residual `[D, C]`.
         scale: its scale `[]`.
-        totals: squared errors of the cluster.
+        totals: squared errors of the cluster, over all measured values alike.
+        weighted: the same by weight; None where all weights are 1.
     """
 
     index: Tensor
@@ -55,16 +59,27 @@ class ClusterFit:
     code: Tensor
     scale: Tensor
     totals: Totals
+    weighted: Totals | None = None
 
     def to_tensors(self) -> dict[str, Tensor]:
         """For a checkpoint."""
-        totals = torch.tensor(self.totals.row(), dtype=torch.float64)
-        return {**vars(self), "totals": totals}
+        sums = {"totals": self.totals, "weighted": self.weighted}
+        rows = {
+            name: torch.tensor(part.row(), dtype=torch.float64)
+            for name, part in sums.items()
+            if part is not None
+        }
+        return {name: part for name, part in vars(self).items() if name not in sums} | rows
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> ClusterFit:
         """From a checkpoint."""
-        return cls(**{**tensors, "totals": Totals(*tensors["totals"].tolist())})
+        sums = {
+            name: Totals(*tensors[name].tolist())
+            for name in ("totals", "weighted")
+            if name in tensors
+        }
+        return cls(**{**tensors, **sums})
 
 
 @dataclass(frozen=True)
@@ -78,6 +93,8 @@ class Setting:
         watch: tells the time by stage.
         spare: bytes that the products of a cluster may take in memory.
         ranks: that share the texels of every cluster.
+        weights: of texels and pairs.
+        gaps: how the residual of missing pairs is found; None without any.
     """
 
     btf: BTF
@@ -86,6 +103,8 @@ class Setting:
     watch: Stopwatch
     spare: int
     ranks: Ranks
+    weights: Weights = UNIFORM
+    gaps: MissingPairs | None = None
 
 
 def fit_texels(
@@ -109,38 +128,70 @@ def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     dictionary, watch, ranks = setting.dictionary, setting.watch, setting.ranks
     where = dictionary.choices[cluster].to(dictionary.atoms.device)
     atoms = dictionary.atoms[where]
+    own = ranks.share(texels)
     with watch("select"):
-        products = _products(setting, ranks.share(texels), atoms)
+        products = _products(setting, own, atoms, setting.weights)
     fit = ClusterProblem(products, setting.config, watch, ranks).solve()
     with watch("residual"):
-        residual = products.mean - atoms.T @ fit.mean.to(atoms.dtype)  # [D, C]
-        code, scale = encode_residual(residual[None], PRECISIONS[setting.config.residual.precision])
-        rounding = (decode_residual(code, scale)[0] - residual).double().square().sum()
-    energy = float(ranks.sum(products.energy.sum()))
-    totals = Totals(
-        energy=energy,
-        without_residual=fit.error,
-        with_residual=max(fit.error - fit.taken, 0.0) + len(texels) * float(rounding),
-        cluster_mean=energy - len(texels) * float(products.mean_energy.sum()),
-    )
+        tally = _tally(setting, own, where, products, fit)
     index, weights = _joined([pair for part in ranks.gather(fit.on_cpu()) for pair in part])
     lobe = torch.where(index >= 0, where.cpu()[index.clamp(min=0)], -1)  # [n, M]
     weights = weights / dictionary.norm.cpu()[lobe.clamp(min=0)][..., None]
-    return ClusterFit(lobe, weights, code[0].cpu(), scale[0].cpu(), totals)
+    return ClusterFit(lobe, weights, tally.code, tally.scale, tally.totals, tally.weighted)
 
 
-def _products(setting: Setting, texels: Tensor, atoms: Tensor) -> Products:
+def _passes(
+    setting: Setting, texels: Tensor, device: torch.device, weights: Weights
+) -> tuple[Load, list[slice]]:
+    """How to load some of `texels`, scaled by weights, and in which blocks."""
+    btf = setting.btf
+    blocks = list(slices(len(texels), block_texels(btf, device)))
+    return lambda part: weights.values(btf, texels[part], device), blocks
+
+
+def _tally(
+    setting: Setting, texels: Tensor, where: Tensor, products: Products, fit: Solution
+) -> Tally:
+    """The residual and the errors of the fit of this rank's texels with atoms `where [J]`."""
+    atoms = setting.dictionary.atoms[where]
+    precision = PRECISIONS[setting.config.residual.precision]
+    if setting.weights.uniform:
+        errors = (fit.error, fit.taken)
+        tally = tally_uniform(products, atoms, fit.mean, errors, precision, setting.ranks)
+        passes = _passes(setting, texels, atoms.device, UNIFORM)
+        return exact_where_doubtful(tally, passes, fit.fits, atoms, setting.ranks)
+    raw, measured = setting.dictionary.raw[where], setting.weights.measured
+    measured = None if measured is None else measured.to(raw.device)
+    seen = raw if measured is None else raw * measured
+    plain = _products(setting, texels, seen, UNIFORM)
+    scale = setting.weights.scale(atoms.device)
+    weighted = WeightedTally(products, atoms, plain, raw, scale, measured, setting.gaps)
+    blocks = list(zip(_blocks(products), fit.fits, strict=True))
+    return weighted.tally(fit.mean, blocks, precision, setting.ranks)
+
+
+def _products(setting: Setting, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
     """The products of this rank's texels of a cluster, in blocks that fit the memory."""
     btf = setting.btf
     size = 4 * len(texels) * len(atoms) * btf.channels
+    if not setting.weights.uniform:
+        size *= 2  # one with and one without weights
+    load, blocks = _passes(setting, texels, atoms.device, weights)
     return cluster_products(
-        lambda part: btf.texels(texels[part], atoms.device),
-        list(slices(len(texels), block_texels(btf, atoms.device))),
+        load,
+        blocks,
         (len(texels), btf.channels),
         atoms,
         in_memory=size <= setting.spare,
         ranks=setting.ranks,
+        importance=weights.of_texels(texels, atoms.device),
     )
+
+
+def _blocks(products: Products) -> list[slice]:
+    """Blocks of texels that are selected for at once."""
+    size = CUDA_TEXELS if products.gram.device.type == "cuda" else CPU_TEXELS
+    return list(slices(len(products.energy), size))
 
 
 def _joined(parts: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
@@ -192,9 +243,9 @@ class ClusterProblem:
         found = self._solution(self._each("select", self._select(None, 0.0)))
         if not self.config.residual.joint:
             return found
-        share = residual_share(found.error, found.taken, products.count)
+        share = residual_share(found.error, found.taken, products.effective)
         found = self._alternate(found.mean, share)
-        energy = float(self.ranks.sum(products.energy.sum()))
+        energy = float(self.ranks.sum(products.total(products.energy)))
         of_mean = energy - products.count * float(products.mean_energy.sum())
         if found.error - found.taken > of_mean + ROUNDING * energy:
             found = self._alternate(None, 1.0)
@@ -223,23 +274,22 @@ class ClusterProblem:
 
     def _each(self, stage: str, step: Callable[[int, Products], Fit]) -> list[tuple[Fit, float]]:
         """A step of a stage on every block of texels: its fit, and the error that this leaves."""
-        device = self.products.gram.device
-        size = CUDA_TEXELS if device.type == "cuda" else CPU_TEXELS
         results = []
-        for block, texels in enumerate(slices(len(self.products.energy), size)):
+        for block, texels in enumerate(_blocks(self.products)):
             part = self.products.part(texels)
             with self.watch(stage):
                 fit = step(block, part)
             with self.watch("evaluate"):
-                results.append((fit, float(squared_errors(part, fit).sum())))
+                results.append((fit, float(part.total(squared_errors(part, fit)))))
         return results
 
     def _solution(self, results: list[tuple[Fit, float]]) -> Solution:
         """What the fits of all blocks on all ranks make together."""
         atoms, channels = self.products.mean_correlation.shape
         total = torch.zeros(atoms, channels, dtype=torch.float64, device=self.products.gram.device)
-        for fit, _ in results:
-            total += fit.total_weights(atoms)
+        for texels, (fit, _) in zip(_blocks(self.products), results, strict=True):
+            own = self.products.importance
+            total += fit.total_weights(atoms, None if own is None else own[texels])
         mean = self.ranks.sum(total) / self.products.count
         own = torch.tensor(sum(error for _, error in results), dtype=torch.float64)
         error = float(self.ranks.sum(own))

@@ -105,6 +105,11 @@ SETTINGS: dict[str, tuple[list[str], str]] = {
     "no such device": (["--device", "abacus"], "expected auto, cpu, cuda or cuda:N"),
     "device too far": (["--device", "cuda:99"], "use --device cpu"),
     "other device": (["--device", "meta"], "expected auto, cpu, cuda or cuda:N"),
+    "no scene": (["--scene", "no.yaml"], "no.yaml cannot be read"),
+    "no weights": (["--weights", "no.npz"], "weights no.npz cannot be read"),
+    "bad floor": (["--set", "weights.floor=2"], "weights.floor is 2.0; expected 0.0 to 1.0"),
+    "bad error": (["--set", "weights.error=l1"], "expected one of l2, cube-root, log"),
+    "bad missing": (["--set", "data.missing=fill"], "expected one of refuse, mask"),
     "no settings file": (["--config", "no.yaml"], "no.yaml cannot be read"),
 }
 
@@ -147,6 +152,38 @@ def test_bad_settings(
     options, message = SETTINGS[case]
     source = str(saved()(tmp_path))
     check_refused([source, "-o", str(out / "run"), *options], out, message, capsys)
+
+
+WEIGHTS: dict[str, tuple[np.ndarray, str]] = {
+    "shape": (np.ones((3, 5)), "'pair' of weights w.npz has shape [3, 5]; expected [5, 5]"),
+    "negative": (-np.ones((5, 5)), "holds -1.0 at [0, 0]"),
+    "nan": (np.full((5, 5), np.nan), "holds nan at [0, 0]"),
+    "zero": (np.zeros((5, 5)), "is 0 wherever something was measured"),
+}
+
+
+@pytest.mark.parametrize("case", WEIGHTS)
+def test_bad_weights(
+    tmp_path: Path,
+    out: Path,
+    case: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    array, message = WEIGHTS[case]
+    monkeypatch.chdir(tmp_path)
+    np.savez("w.npz", pair=array)
+    arguments = [str(saved()(tmp_path)), "-o", str(out / "run"), "--weights", "w.npz"]
+    check_refused(arguments, out, message, capsys)
+
+
+def test_a_scene_that_sees_nothing(
+    tmp_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene.yaml"
+    scene.write_text("{shape: plane, camera: 'orthographic:150,0', size: 8}", encoding="utf-8")
+    arguments = [str(saved()(tmp_path)), "-o", str(out / "run"), "--scene", str(scene)]
+    check_refused(arguments, out, "its camera sees nothing of the shape", capsys)
 
 
 def test_unknown_key_in_a_file(
@@ -192,7 +229,7 @@ def test_more_clusters_than_texels(
     tmp_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [str(saved()(tmp_path)), "-o", str(out / "run"), "--config", str(SMOKE)]
-    assert main([*arguments, "--device", "cpu", "--set", "cluster.count=50"]) == 0
+    assert main([*arguments, "--device", "cpu", "--no-render", "--set", "cluster.count=50"]) == 0
     warning = "warning: cluster.count lowered from 50 to 6, there are only 6 texels"
     assert warning in capsys.readouterr().err.splitlines()
     assert warning in (out / "run" / "log.txt").read_text(encoding="utf-8").splitlines()

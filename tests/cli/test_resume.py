@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from spmm_torch import fit as fit_module
-from spmm_torch import run_folder
+from spmm_torch import fit_steps, run_folder
 from spmm_torch.checkpoint import Checkpoint
 from spmm_torch.fit import STOPPED, main
 from spmm_torch.geometry import ring_directions
@@ -38,7 +38,12 @@ SETTINGS = {
     "search.exchanges": 0,
     "search.final_steps": 2,
 }
-OPTIONS = ["--device", "cpu", *(f"--set={key}={value}" for key, value in SETTINGS.items())]
+OPTIONS = [
+    "--device",
+    "cpu",
+    "--no-render",
+    *(f"--set={key}={value}" for key, value in SETTINGS.items()),
+]
 # Of the slow test: kills, and the seed of when they come.
 KILLS, SEED = 10, 3
 LARGE_SIDE, MORE_STAGES = 64, 14
@@ -225,8 +230,8 @@ def test_full_disk_at_the_end_loses_no_stage(
     assert error.startswith(f"error: the disk is full at run folder {run} (")
     assert "go on with --resume" in error
     assert state(run) == sorted(STAGES)
-    monkeypatch.setattr(fit_module, "cluster_texels", lambda *_: pytest.fail("it is finished"))
-    monkeypatch.setattr(fit_module, "search_lobes", lambda *_: pytest.fail("it is finished"))
+    monkeypatch.setattr(fit_steps, "cluster_texels", lambda *_: pytest.fail("it is finished"))
+    monkeypatch.setattr(fit_steps, "search_lobes", lambda *_: pytest.fail("it is finished"))
     assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     check_complete(run, unbroken)
 

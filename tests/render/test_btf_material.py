@@ -152,6 +152,24 @@ def test_model_and_its_table_agree_to_the_interpolation_error(
     assert errors[1] < 0.6 * errors[0]
 
 
+def test_missing_pairs_leave_their_share_to_the_others() -> None:
+    """Of a constant BTF the values stay the same, but where nothing around was measured."""
+    directions = ring_directions(((0.0, 1), (40.0, 6)))
+    count = len(directions)
+    missing = torch.zeros(count, count, dtype=torch.bool)
+    missing[0, 0] = missing[2, 3] = True
+    values = (~missing).float()[..., None, None, None].expand(count, count, 2, 2, 3)
+    btf = BTF.from_values(values.contiguous(), directions, directions)
+    btf.missing = missing
+    material = BTFMaterial.build(btf)
+    wi = torch.nn.functional.normalize(directions[[0, 3]] + 0.1 * directions[[1, 4]], dim=1)
+    wo = torch.nn.functional.normalize(directions[[0, 2]] + 0.1 * directions[[2, 3]], dim=1)
+    uv = torch.full((2, 2), 0.5)
+    torch.testing.assert_close(material(uv, wi, wo), torch.ones(2, 3))
+    at_the_gap = material(uv[:1], directions[:1], directions[:1])
+    torch.testing.assert_close(at_the_gap, torch.zeros(1, 3))
+
+
 @pytest.mark.gpu
 def test_gpu_gives_the_same_values(btf: BTF) -> None:
     generator = torch.Generator().manual_seed(4)

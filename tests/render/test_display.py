@@ -19,7 +19,7 @@ from spmm_torch.render import (
     write_gif,
     write_png,
 )
-from spmm_torch.render.display import check_output
+from spmm_torch.render.display import check_output, white_exposure
 
 
 def test_srgb_is_what_others_say() -> None:
@@ -42,6 +42,20 @@ def test_exposure_looks_at_the_shape_alone() -> None:
     picture[:5] = 0.5
     assert auto_exposure([picture], [coverage]) == pytest.approx(2.0)
     assert auto_exposure([0.0 * picture], [coverage]) == 1.0
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
+def test_exposure_maps_the_99th_percentile_to_one(scale: float) -> None:
+    values = np.random.default_rng(0).gamma(1.0, scale, (32, 32, 3)).astype(np.float32)
+    shown = values * white_exposure(values)
+    assert np.mean(shown > 1.0) == pytest.approx(0.01, abs=0.001)
+
+
+def test_exposure_of_nearly_and_fully_black() -> None:
+    picture = np.zeros((16, 16, 3), np.float32)
+    assert white_exposure(picture) == 1.0
+    picture[3, 4, 1] = 0.5
+    assert white_exposure(picture) == 2.0
 
 
 def test_files_hold_what_was_given(tmp_path: Path) -> None:

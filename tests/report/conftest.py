@@ -82,8 +82,16 @@ def report() -> dict[str, Any]:
         "psnr_peak": 1.0,
         "psnr_db": {"without_residual": 18.75, "with_residual": 30.79},
         "snr_db": {"without_residual": 13.98, "with_residual": 26.02, "cluster_mean": 21.5},
+        "weighted_snr_db": None,
         "mssim": {"y": None, "cr": None, "cb": None, "mean": None},
         "lobes_by_model": {"lambertian": 40, "ward": 20},
+        "failed_starts": {"starts": 5120, "count": 3, "not_finite": 1, "no_descent": 2},
+        "error_without_model": {
+            "texels": 35,
+            "snr_db": 13.98,
+            "snr_db_without": {"lambertian": 9.5, "ward": 12.25},
+        },
+        "auto": None,
         "seconds": {
             "load": 0.2,
             "cluster": 1.0,

@@ -65,3 +65,15 @@ def test_order_of_directions_does_not_matter() -> None:
 )
 def test_angles(direction: tuple[float, float, float], text: str) -> None:
     assert angles(torch.tensor(direction)) == text
+
+
+def test_missing_pairs_are_not_shown() -> None:
+    directions = ring_directions()
+    before = choose_pairs(directions, directions)
+    missing = torch.zeros(len(directions), len(directions), dtype=torch.bool)
+    missing[before[2].view, before[2].light] = True
+    assert choose_pairs(directions, directions, missing) == (*before[:2], *before[3:])
+    only = ~torch.zeros(2, 2, dtype=torch.bool)
+    only[1, 0] = False
+    (pair,) = choose_pairs(directions[:2], directions[:2], only)
+    assert (pair.view, pair.light) == (1, 0)

@@ -7,16 +7,16 @@ import io
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 
 from spmm_torch.report.pictures import (
     cluster_colours,
     css_colour,
     difference_gain,
-    display,
-    exposure,
     heat_colours,
     png_uri,
+    shared_gain,
 )
 
 
@@ -35,33 +35,18 @@ def test_a_png_keeps_codes_and_orientation() -> None:
         assert np.array_equal(decode(png_uri(given)), codes)
 
 
-def test_display_is_gamma_encoded_and_clipped() -> None:
-    linear = np.array([[[-0.1, 0.0, 0.25], [0.5, 0.75, 9.0]]], np.float32)
-    codes = display(linear, 2.0)
-    expected = [0, 0, round(255 * 0.5 ** (1 / 2.2)), 255, 255, 255]
-    assert codes.dtype == np.uint8
-    assert codes.ravel().tolist() == expected
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
-def test_exposure_maps_the_99th_percentile_to_one(scale: float) -> None:
-    picture = np.random.default_rng(0).gamma(1.0, scale, (32, 32, 3)).astype(np.float32)
-    shown = picture * exposure(picture)
-    assert np.mean(shown > 1.0) == pytest.approx(0.01, abs=0.001)
-
-
-def test_exposure_of_nearly_and_fully_black() -> None:
-    picture = np.zeros((16, 16, 3), np.float32)
-    assert exposure(picture) == 1.0
-    picture[3, 4, 1] = 0.5
-    assert exposure(picture) == 2.0
-
-
 @pytest.mark.parametrize(
     ("worst", "gain"), [(0.0, 64), (0.1, 8), (0.125, 8), (0.5, 2), (0.9, 1), (3.0, 1)]
 )
 def test_difference_gain(worst: float, gain: int) -> None:
     assert difference_gain(worst) == gain
+
+
+def test_the_shared_gain_is_that_of_the_largest_difference() -> None:
+    small, large = torch.full((8, 8, 3), -0.01), torch.full((8, 8, 3), 0.2)
+    large[0, 0, 0] = 9.0  # one value may clip
+    assert shared_gain([small, large]) == 4
+    assert shared_gain([small]) == 64
 
 
 def test_cluster_colours_are_stable_and_distinct() -> None:

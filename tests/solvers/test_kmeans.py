@@ -75,6 +75,15 @@ def test_fewer_distinct_points_than_clusters(distinct: int, dtype: torch.dtype) 
     assert all(len(found.labels[i::distinct].unique()) == 1 for i in range(distinct))
 
 
+def test_points_within_their_resolution_are_one() -> None:
+    """Coordinates of equal texels differ by rounding, which must not make clusters."""
+    points = torch.tensor([0.0, 1.0, 9.0])[torch.arange(60) % 3, None].expand(60, 4)
+    noisy = points + 1e-6 * torch.randn(60, 4, generator=seeded())
+    found = kmeans(noisy, 8, seeded(), resolution=torch.full((60,), 1e-4))
+    assert len(found.centers) == 3
+    assert len(kmeans(noisy, 8, seeded()).centers) == 8
+
+
 def test_as_many_clusters_as_points_and_one_point() -> None:
     points = torch.randn(7, 3, generator=seeded())
     check(points, kmeans(points, 7, seeded()), 7)
@@ -98,3 +107,16 @@ def test_bad_input_is_refused() -> None:
         kmeans(points[:0], 2, seeded())
     with pytest.raises(DataError, match="finite"):
         kmeans(torch.full_like(points, torch.nan), 2, seeded())
+
+
+def test_whole_weights_are_repeated_points() -> None:
+    points = make_blobs(points=200, blobs=3)
+    times = torch.randint(1, 4, (200,), generator=seeded(5))
+    weighted = kmeans(points, 3, seeded(), weights=times.double())
+    again = torch.repeat_interleave(torch.arange(200), times)
+    repeated = kmeans(points[again], 3, seeded())
+    assert weighted.objective == pytest.approx(repeated.objective, rel=1e-6)
+    means = torch.stack([points[again][weighted.labels[again] == c].mean(0) for c in range(3)])
+    torch.testing.assert_close(weighted.centers, means, rtol=1e-4, atol=1e-4)
+    same = kmeans(points, 3, seeded(), weights=torch.ones(200))
+    assert torch.equal(same.labels, kmeans(points, 3, seeded()).labels)

@@ -176,6 +176,20 @@ def test_trial_without_a_number_is_shortened() -> None:
     torch.testing.assert_close(found.x, torch.ones_like(start), rtol=0, atol=1e-5)
 
 
+def test_a_start_from_which_nothing_goes_down_is_stuck() -> None:
+    """The third row's slope points up the hill, so that no step along it is lower."""
+    up = torch.tensor([[1.0], [1.0], [-1.0]], dtype=torch.float64)
+
+    def parabola(x: Tensor) -> tuple[Tensor, Tensor]:
+        return x.square()[:, 0], 2.0 * x * up
+
+    start = torch.tensor([[3.0], [-2.0], [1.0]], dtype=torch.float64)
+    found = minimize_lbfgs(parabola, start, identity, iterations=60)
+    assert found.stuck.tolist() == [False, False, True]
+    assert found.converged.tolist() == [True, True, False]
+    assert float(found.x[2]) == 1.0
+
+
 def test_adam_tends_to_the_constrained_minimum() -> None:
     _, linear, objective = make_quadratic()
     found = minimize_adam(

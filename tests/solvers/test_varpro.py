@@ -111,3 +111,40 @@ def test_bad_row_is_flagged_and_leaves_the_others_alone() -> None:
     result = refine(truth + 0.2, broken)
     assert result.failed.tolist() == [row == 2 for row in range(len(truth))]
     assert torch.allclose(result.coordinates[0], truth[0], atol=1e-3)
+
+
+def test_slopes_that_are_no_numbers_are_flagged_and_the_start_stays() -> None:
+    truth, signals = planted(8)
+
+    def broken_slopes(x: Tensor) -> tuple[Tensor, Tensor]:
+        rho, slope = slopes(x)
+        slope[2] = torch.nan
+        return rho, slope
+
+    result = refine_mixtures(
+        lambda x, rows: gaussians(x),
+        lambda x, rows: broken_slopes(x),
+        lambda x, rows: x,
+        truth + 0.2,
+        torch.ones(truth.shape[:2], dtype=torch.bool),
+        signals,
+        iterations=1,
+    )
+    assert result.failed.tolist() == [row == 2 for row in range(len(truth))]
+    assert torch.equal(result.coordinates[2], truth[2] + 0.2)
+    assert not result.stuck.any()
+
+
+def test_a_start_from_which_nothing_goes_down_is_stuck() -> None:
+    truth, signals = planted(9)
+    ascent = refine_mixtures(
+        lambda x, rows: gaussians(x),
+        lambda x, rows: (gaussians(x), -slopes(x)[1]),
+        lambda x, rows: x,
+        truth + 0.2,
+        torch.ones(truth.shape[:2], dtype=torch.bool),
+        signals,
+        iterations=60,
+    )
+    assert ascent.stuck.all() and not ascent.failed.any()
+    assert torch.equal(ascent.coordinates, truth + 0.2)

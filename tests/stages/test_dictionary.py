@@ -24,7 +24,9 @@ def found() -> FoundLobes:
         torch.tensor([[0.0, 0.0, 1.0]]).expand(3, 3),
         torch.zeros(3),
     )
-    return FoundLobes(lobes, torch.tensor([0, 1, 1]), torch.tensor([0.3, 0.1, 0.2]).double())
+    return FoundLobes(
+        lobes, torch.tensor([0, 1, 1]), torch.tensor([0.3, 0.1, 0.2]).double(), torch.zeros(3)
+    )
 
 
 def test_shared_keeps_the_lobe_of_the_better_fit_for_all() -> None:

@@ -1,0 +1,31 @@
+"""Speed against error, measured on this machine: `spmm benchmark [INPUT] -o OUT`.
+
+`OUT/benchmark.json` holds everything, `OUT/benchmark.html` shows it. Keys of the JSON; a value that
+is not finite is null, a part that was not asked for is missing:
+
+    version: of this schema.
+    environment: cpu, cores, threads, device, system, versions {package}, commit (`+`: changed
+        since; null: no checkout).
+    input: path, texels, direction_pairs, channels, raw_bytes.
+    protocol: repeats (at most), patience_seconds (no repeat after so long), overrides (settings
+        changed for all fits, in a small benchmark).
+    default: the fit with default settings, a FIT.
+    sweep: rows [FIT + name, group, changes, mean_snr_db, on_front {seconds, bytes}].
+    peers: rows [peer, name, group (whole, search, selection), texels (measured on), seconds (a
+        TIME, from decoded values), snr_db, bytes (null: of a part), mean_basis_per_texel, note],
+        skipped [peer, reason].
+    scaling: rows [varies (texels, directions), texels, direction_pairs, device, threads, seconds
+        {stage}, snr_db, total_basis], exponents [varies, device, threads, power {stage}].
+    limits: machine {flops_per_second, bytes_per_second, product, copy (TIMEs)}, bare_decoding (a
+        TIME, or null), rows [stage, seconds, flops, bytes, limit_seconds, fraction, counted_flops,
+        counted_bytes, counted_fraction].
+
+    TIME: median, fastest, slowest (seconds), runs.
+    FIT: seconds (a TIME, from the input on disk), stages {stage: median seconds}, and, as in
+        `report.json`, snr_db, mean_basis_per_texel, total_basis, bytes, compression_ratio,
+        peak_memory_bytes (null where the system does not let the peak be measured for each fit).
+"""
+
+from .command import main
+
+__all__ = ["main"]

@@ -1,0 +1,95 @@
+"""What a computation costs, counted operation by operation while it runs."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
+from torch.utils.flop_counter import flop_registry
+
+from ..stopwatch import Stopwatch
+
+ALL = "total"  # the name under which `fit` times all stages together
+
+
+@dataclass
+class Work:
+    """Operations and traffic.
+
+    Attributes:
+        flops: of matrix products, two a multiplication with its addition; and one for every value
+            that any other operation writes, which is the least that it can be.
+        bytes: that the operations read and write, one at a time, as if nothing stayed in a cache.
+    """
+
+    flops: float = 0.0
+    bytes: float = 0.0
+
+    def __add__(self, other: Work) -> Work:
+        return Work(self.flops + other.flops, self.bytes + other.bytes)
+
+
+class WorkCounter(TorchDispatchMode):
+    """Counts the work of every operation that runs inside of it; views are free."""
+
+    def __init__(self, work: Work) -> None:
+        super().__init__()
+        self.work = work
+
+    def __torch_dispatch__(
+        self, function: Any, types: Any, args: Any = (), kwargs: Any = None
+    ) -> Any:
+        """Runs one operation and counts it."""
+        kwargs = kwargs or {}
+        result = function(*args, **kwargs)
+        if not _only_views(function):
+            written = [leaf for leaf in tree_leaves(result) if isinstance(leaf, Tensor)]
+            read = [leaf for leaf in tree_leaves((args, kwargs)) if isinstance(leaf, Tensor)]
+            self.work.bytes += sum(_bytes(part) for part in (*written, *read))
+            formula = flop_registry.get(function.overloadpacket)
+            if formula is None:
+                self.work.flops += sum(part.numel() for part in written)
+            else:
+                self.work.flops += formula(*args, **kwargs, out_val=result)
+        return result
+
+
+def _only_views(function: Any) -> bool:
+    """Whether an operation only looks at its input in another way."""
+    returned = function._schema.returns
+    return bool(returned) and all(
+        value.alias_info is not None and not value.alias_info.is_write for value in returned
+    )
+
+
+def _bytes(part: Tensor) -> int:
+    """Of the values that lie in memory: a broadcast dimension repeats, it takes no room."""
+    count = 1
+    for size, stride in zip(part.shape, part.stride(), strict=True):
+        count *= size if stride or size == 0 else 1
+    return count * part.element_size()
+
+
+class CountingStopwatch(Stopwatch):
+    """Counts the work of each stage instead of telling its time only."""
+
+    def __init__(self, device: torch.device) -> None:
+        super().__init__(device)
+        self.work: defaultdict[str, Work] = defaultdict(Work)
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """One stage, or a part of it."""
+        if stage == ALL:
+            with super().__call__(stage):
+                yield
+            return
+        with super().__call__(stage), WorkCounter(self.work[stage]):
+            yield

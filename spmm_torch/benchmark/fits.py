@@ -1,0 +1,138 @@
+"""Fits that are timed, from the input on disk to the model."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from ..config import FitConfig
+from ..data import BTF
+from ..fit import FitResult, Resources, fit, with_lobe_limit
+from .protocol import Timing, forget_peak, stage_medians
+from .scope import Bench
+
+# Stages that a fit can take over from another one whose settings for them are the same.
+EARLY_STAGES = ("cluster.safetensors", "search.safetensors")
+# Settings that only matter behind them.
+LATER_SETTINGS = {"dictionary", "select", "residual"}
+
+
+@dataclass(frozen=True)
+class TimedFit:
+    """A fit and what it took.
+
+    Attributes:
+        result: of the last run.
+        timing: seconds from the input on disk to the model.
+        stages: median seconds by stage.
+        peak_known: whether the peak of the memory in the report is that of this fit alone.
+    """
+
+    result: FitResult
+    timing: Timing
+    stages: dict[str, float]
+    peak_known: bool
+
+    @property
+    def seconds_after_load(self) -> float:
+        """Seconds from decoded values to the model."""
+        return self.stages["total"] - self.stages["load"]
+
+    def row(self) -> dict[str, Any]:
+        """The figures, as `benchmark.json` has them."""
+        report = self.result.report
+        return {
+            "seconds": self.timing.to_dict(),
+            "stages": self.stages,
+            "snr_db": report["snr_db"],
+            "mean_basis_per_texel": report["mean_basis_per_texel"],
+            "total_basis": report["total_basis"],
+            "bytes": report["bytes"],
+            "compression_ratio": report["compression_ratio"],
+            "peak_memory_bytes": report["peak_memory_bytes"] if self.peak_known else None,
+        }
+
+
+def plain_fit(btf: BTF, config: FitConfig, resources: Resources | None = None) -> FitResult:
+    """A fit with nothing behind it: what every part of a benchmark times."""
+    return fit(btf, config, resources=resources, render=False)
+
+
+def timed_fit(bench: Bench, config: FitConfig) -> TimedFit:
+    """A fit of the input, repeated as the protocol wants."""
+    protocol, results, known = bench.scope.protocol, [], True
+    while not results or (
+        len(results) < protocol.repeats and sum(_totals(results)) < protocol.patience
+    ):
+        known &= forget_peak(bench.device)
+        results.append(plain_fit(bench.open(), config))
+    return _timed(results, known)
+
+
+@dataclass
+class SharedStages:
+    """Early stages of fits, kept on disk for others with the same settings.
+
+    What a fit takes over is not timed again: its report has the seconds that those stages took
+    when they ran.
+    """
+
+    folder: Path
+    kept: dict[str, Path] = field(default_factory=dict)
+
+    @classmethod
+    @contextmanager
+    def open(cls) -> Iterator[SharedStages]:
+        """Keeps them until the end."""
+        with tempfile.TemporaryDirectory(prefix="spmm_torch-benchmark-") as folder:
+            yield cls(Path(folder))
+
+    def fit(self, bench: Bench, config: FitConfig) -> TimedFit:
+        """One run with the early stages of an earlier one, if there was one with the same."""
+        key = _early_settings(config)
+        state = self.folder / "state"
+        state.mkdir()
+        for path in self._files(self.kept.get(key)):
+            shutil.copy2(path, state / path.name)
+        known = forget_peak(bench.device)
+        result = plain_fit(bench.open(), config, Resources(state=state))
+        if key not in self.kept:
+            self.kept[key] = self.folder / str(len(self.kept))
+            self.kept[key].mkdir()
+            for path in self._files(state):
+                path.rename(self.kept[key] / path.name)
+        shutil.rmtree(state)
+        return _timed([result], known)
+
+    @staticmethod
+    def _files(folder: Path | None) -> list[Path]:
+        return [] if folder is None else [folder / name for name in EARLY_STAGES]
+
+
+def _early_settings(config: FitConfig) -> str:
+    """All that the clusters and the lobes found depend on, as text."""
+    values = with_lobe_limit(config).to_dict()
+    later = LATER_SETTINGS | (set() if config.search.method == "stagewise" else {"stagewise"})
+    return json.dumps({key: value for key, value in values.items() if key not in later})
+
+
+def _totals(results: list[FitResult]) -> list[float]:
+    return [result.report["seconds"]["total"] for result in results]
+
+
+def _timed(results: list[FitResult], known: bool) -> TimedFit:
+    stages = stage_medians([result.report for result in results])
+    return TimedFit(results[-1], Timing(tuple(_totals(results))), stages, known)
+
+
+def on_device(config: FitConfig, device: torch.device) -> FitConfig:
+    """The settings on the device of the benchmark."""
+    return config.override([f"device={device}"])

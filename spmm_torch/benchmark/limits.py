@@ -1,0 +1,166 @@
+"""Part limits: each stage against what it must do over what the machine can do.
+
+The machine is measured in the same run: the speed of a matrix product in float32, and of a copy.
+What a stage must do is the least that any program for the same algorithm does: read its input once
+a pass, and multiply what the algorithm multiplies. Its limit is the larger of both times.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import torch
+
+from ..config import ClusterConfig
+from ..data import BTF
+from ..data.options import DEFAULT_OPTIONS
+from ..data.picture_set import PictureSet, accepts
+from ..data.pictures import open_archive
+from ..fit import FitResult, Resources
+from ..stages.cluster import OVERSAMPLING
+from .counting import CountingStopwatch, Work
+from .fits import TimedFit, on_device, plain_fit
+from .protocol import Timing, measure
+from .scope import Bench, Scope
+from .variants import DEFAULT, shipped
+
+FLOAT = 4
+# What the report calls by several names and what is one stage here: all texels against the lobes.
+STAGES = {
+    "load": ("load",),
+    "cluster": ("cluster",),
+    "search": ("search",),
+    "dictionary": ("dictionary",),
+    "select": ("select", "refit", "evaluate"),
+    "residual": ("residual",),
+}
+# Passes over all values of the range finder, and the products of each pass.
+PASSES, PRODUCTS = 2, 3
+MEASUREMENTS = 4  # product, copy, bare decoding, counting
+Row = dict[str, Any]
+
+
+def count(scope: Scope) -> int:
+    """How many things are measured."""
+    return MEASUREMENTS
+
+
+def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
+    """The machine, and each stage of the default fit against its limit.
+
+    Returns:
+        `machine`, see `machine_speed`; `rows` with `stage`, `seconds`, `flops` and `bytes` that it
+        must do, `limit_seconds`, `fraction` (limit over seconds), and `counted_flops`,
+        `counted_bytes`, `counted_fraction`: the same for the operations as they are, one by one.
+    """
+    machine = machine_speed(bench)
+    bare = bare_decoding(bench)
+    bench.advance()
+    work = counted(bench)
+    bench.advance()
+    btf = bench.open()
+    needed = least_work(btf, default.result, work.get("search", Work()))
+    rows = []
+    for stage, parts in STAGES.items():
+        seconds = sum(default.stages[part] for part in parts)
+        done = sum((work.get(part, Work()) for part in parts), Work())
+        rows.append(_row(stage, seconds, needed[stage], done, machine))
+    if bare is not None:
+        rows[0]["limit_seconds"] = max(bare.median, rows[0]["limit_seconds"])
+        rows[0]["fraction"] = rows[0]["limit_seconds"] / rows[0]["seconds"]
+    decoding = None if bare is None else bare.to_dict()
+    return {"machine": machine, "bare_decoding": decoding, "rows": rows}
+
+
+def _row(stage: str, seconds: float, needed: Work, done: Work, machine: Row) -> Row:
+    limit, counted_limit = seconds_of(needed, machine), seconds_of(done, machine)
+    return {
+        "stage": stage,
+        "seconds": seconds,
+        "flops": needed.flops,
+        "bytes": needed.bytes,
+        "limit_seconds": limit,
+        "fraction": limit / seconds if seconds > 0.0 else None,
+        "counted_flops": done.flops,
+        "counted_bytes": done.bytes,
+        "counted_fraction": counted_limit / seconds if seconds > 0.0 else None,
+    }
+
+
+def seconds_of(work: Work, machine: Row) -> float:
+    """The least time that some work takes on the machine."""
+    return max(work.flops / machine["flops_per_second"], work.bytes / machine["bytes_per_second"])
+
+
+def machine_speed(bench: Bench) -> Row:
+    """What the machine can do: `flops_per_second` of a product, `bytes_per_second` of a copy."""
+    scope, device = bench.scope, bench.device
+    matrix = torch.rand(scope.product, scope.product, device=device)
+    source = torch.rand(scope.copied // FLOAT, device=device)
+    target = torch.empty_like(source)
+    _, product = measure(lambda: matrix @ matrix, scope.protocol, device)
+    bench.advance()
+    _, copy = measure(lambda: target.copy_(source), scope.protocol, device)
+    bench.advance()
+    return {
+        "flops_per_second": 2.0 * scope.product**3 / product.median,
+        "bytes_per_second": 2.0 * scope.copied / copy.median,
+        "product": product.to_dict(),
+        "copy": copy.to_dict(),
+    }
+
+
+def bare_decoding(bench: Bench) -> Timing | None:
+    """Seconds to decode all pictures by as many threads as the reader has, and drop them.
+
+    None where the input is no set of pictures, or only a part of it is taken.
+    """
+    if not accepts(bench.source) or not bench.open().part.is_whole:
+        return None
+    pictures = PictureSet.scan(bench.source, DEFAULT_OPTIONS)
+
+    def work() -> None:
+        with open_archive(bench.source) as archive:
+
+            def decode(name: str) -> None:
+                pictures.codec.decode(*archive.read([name]))
+
+            with ThreadPoolExecutor(DEFAULT_OPTIONS.thread_count) as pool:
+                for _ in pool.map(decode, pictures.grid.files):
+                    pass  # raises what a thread raised
+
+    return measure(work, bench.scope.protocol, torch.device("cpu"))[1]
+
+
+def counted(bench: Bench) -> dict[str, Work]:
+    """The work of each stage of the default fit, as it runs."""
+    watch = CountingStopwatch(bench.device)
+    config = on_device(shipped(DEFAULT, bench.scope.overrides), bench.device)
+    plain_fit(bench.open(), config, Resources(watch=watch))
+    return dict(watch.work)
+
+
+def least_work(btf: BTF, result: FitResult, search: Work) -> dict[str, Work]:
+    """What each stage must do.
+
+    Args:
+        btf: the input.
+        result: of the fit.
+        search: the flops of the search as it runs: there is no formula for what it must do.
+    """
+    texels, pairs, channels = btf.texel_count, btf.pair_count, btf.channels
+    values, raw = texels * pairs * channels, btf.raw_bytes
+    lobes, found = result.report["total_basis"], result.info["lobes_found"]
+    samples, clusters = len(result.info["samples"]), result.report["clusters"]
+    rank = min(ClusterConfig().components + OVERSAMPLING, texels, pairs * channels)
+    return {
+        "load": Work(0.0, float(raw)),
+        "cluster": Work(2.0 * PRODUCTS * rank * values, float(PASSES * raw)),
+        "search": Work(search.flops, float(FLOAT * samples * pairs * channels)),
+        "dictionary": Work(2.0 * found * found * pairs, float(FLOAT * found * pairs)),
+        "select": Work(2.0 * lobes * values, float(raw + FLOAT * texels * lobes * channels)),
+        "residual": Work(
+            2.0 * clusters * lobes * pairs * channels, 2.0 * FLOAT * clusters * pairs * channels
+        ),
+    }

@@ -1,0 +1,78 @@
+"""Part peers: other ways to do the same, on the same data and the same machine.
+
+A new peer = one module with a `PEER`, and one entry in `PEERS`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from typing import Any
+
+from ...data import Selection
+from ..fits import TimedFit, on_device, timed_fit
+from ..scope import Bench, Scope
+from ..variants import DEFAULT, shipped
+from . import (
+    local_pca,
+    neural,
+    one_lobe,
+    own,
+    scipy_nnls,
+    scipy_search,
+    sklearn_lasso,
+    vector_quantization,
+)
+from .problem import Peer, Problem
+
+PEERS: tuple[Peer, ...] = tuple(
+    module.PEER
+    for module in (
+        own,
+        one_lobe,
+        vector_quantization,
+        local_pca,
+        neural,
+        scipy_search,
+        scipy_nnls,
+        sklearn_lasso,
+    )
+)
+EXTRA = "pip install 'spmm_torch[benchmark]'"
+# Texels whose values peers hold as float32 at once; of more, so many are taken.
+MOST_TEXELS = 4096
+
+
+def count(scope: Scope) -> int:
+    """How many things are measured."""
+    return len(PEERS)
+
+
+def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
+    """Measures every peer whose package is there.
+
+    Returns:
+        `rows`, each as `problem.row` makes it, with the name of its `peer`; and `skipped`, with
+        `peer` and `reason`.
+    """
+    problem = build_problem(bench, default)
+    rows, skipped = [], []
+    for peer in PEERS:
+        if peer.package and importlib.util.find_spec(peer.package) is None:
+            reason = f"{peer.package} is not installed; {EXTRA} installs it"
+            bench.progress.say(f"peer {peer.name} skipped: {reason}")
+            skipped.append({"peer": peer.name, "reason": reason})
+        else:
+            rows += [{"peer": peer.name, **row} for row in peer.run(problem)]
+        bench.advance()
+    return {"rows": rows, "skipped": skipped}
+
+
+def build_problem(bench: Bench, default: TimedFit) -> Problem:
+    """The data, decoded, and our own fit of them; of many texels, some and a fit of those."""
+    btf = bench.open()
+    if btf.texel_count > MOST_TEXELS:
+        bench = bench.with_selection(Selection(texels=MOST_TEXELS))
+        btf = bench.open()
+        config = on_device(shipped(DEFAULT, bench.scope.overrides), bench.device)
+        default = timed_fit(bench, config)
+    return Problem(btf.load(), bench.scope, bench.device, default)

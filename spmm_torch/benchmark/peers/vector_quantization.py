@@ -1,0 +1,53 @@
+"""Vector quantization: every texel is the mean of its cluster, at the bytes of our own model."""
+
+from __future__ import annotations
+
+import torch
+
+from ...config import ClusterConfig
+from ...solvers.kmeans import kmeans
+from ...stages.cluster import principal_points
+from ..protocol import measure
+from .problem import HALF, HALF_BYTES, WHOLE, Peer, Problem, Row, row, snr_of
+
+
+def codebook_size(problem: Problem) -> int:
+    """How many means in float16 have the bytes of our own model."""
+    width = problem.btf.pair_count * problem.btf.channels
+    return max(1, min(problem.byte_budget // (HALF_BYTES * width), problem.btf.texel_count))
+
+
+def label_bytes(clusters: int) -> int:
+    """Of the label of a texel."""
+    return 1 if clusters <= 256 else 2
+
+
+def clustered(problem: Problem, count: int) -> torch.Tensor:
+    """Labels `[T]` on the CPU, by the same k-means that our own fit uses."""
+    generator = torch.Generator().manual_seed(0)
+    settings = ClusterConfig()
+    points = principal_points(
+        problem.btf, settings.components, generator, problem.device, lambda _: None
+    )
+    return kmeans(points, count, generator, iterations=settings.iterations).labels
+
+
+def run(problem: Problem) -> list[Row]:
+    """As many means as fit into the bytes of our own model."""
+    count, values = codebook_size(problem), problem.values
+
+    @torch.no_grad()
+    def work() -> tuple[torch.Tensor, torch.Tensor]:
+        labels = clustered(problem, count).to(values.device)
+        present = torch.unique(labels).tolist()
+        means = torch.stack([values[labels == cluster].mean(0) for cluster in present])
+        return labels, means.to(HALF)
+
+    (labels, means), timing = measure(work, problem.protocol, problem.device)
+    texels = problem.btf.texel_count
+    size = means.numel() * HALF_BYTES + texels * label_bytes(len(means))
+    snr = snr_of(values, means.float()[labels])
+    return [row(f"vector quantization, {len(means)} means", WHOLE, texels, timing, snr, size=size)]
+
+
+PEER = Peer("vector quantization", "every texel is one of as many means as our bytes allow", run)

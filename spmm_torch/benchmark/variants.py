@@ -1,0 +1,72 @@
+"""Our own settings: those that ship, and what becomes of the default when one of them changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+
+import yaml
+
+from ..config import MODELS, FitConfig
+
+DEFAULT = "default"
+# Settings that ship as configs/NAME.yaml, in the order of the tables.
+SHIPPED = ("fast", DEFAULT, "quality", "paper", "smoke")
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The default with some settings changed.
+
+    Attributes:
+        group: what is varied.
+        changes: as for `spmm fit --set`.
+    """
+
+    group: str
+    changes: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The changes, shortly."""
+        return ", ".join(self.changes)
+
+
+def _each(group: str, key: str, *values: object) -> list[Variant]:
+    return [Variant(group, (f"{key}={value}",)) for value in values]
+
+
+def _models(*names: str) -> Variant:
+    return Variant("models", (f"search.models=[{', '.join(names)}]",))
+
+
+# Where the settings of the paper's selection differ from the corrective one, its lambda is varied
+# too; `select.min_gain` takes the place of lambda in the corrective one.
+STAGEWISE = "select.method=stagewise"
+VARIANTS: tuple[Variant, ...] = (
+    *_each("samples", "sample.per_cluster", 1, 2, 4, 16),
+    *_each("clusters", "cluster.count", 16, 64),
+    *_each("starts", "search.restarts", 1, 4),
+    *_each("starts", "search.bank_normals", 24, 120),
+    *_each("steps", "search.final_steps", 0, 10),
+    *_each("steps", "search.refine_steps", 1),
+    *_each("steps", "search.exchanges", 0),
+    *_each("lobes", "search.max_lobes", 2, 3, 6),
+    *_each("dictionary", "dictionary.merge", 0.95, 0.98, 0.999),
+    *_each("dictionary", "dictionary.scope", "cluster"),
+    *_each("lambda", "select.min_gain", 0.002, 0.015, 0.04),
+    *(Variant("lambda", (STAGEWISE, f"stagewise.lambda_min={x}")) for x in (0.05, 0.2)),
+    _models("lambertian", "blinn_phong"),
+    _models("lambertian", "ward"),
+    _models("lambertian", "cook_torrance"),
+    _models(*(name for name in MODELS if name != "lafortune")),
+    *_each("precision", "residual.precision", "float32"),
+    *_each("residual", "residual.joint", "false"),
+    *_each("residual", "residual.alternations", 1),
+)
+
+
+def shipped(name: str, overrides: tuple[str, ...] = ()) -> FitConfig:
+    """The settings of `configs/NAME.yaml`, with those of the benchmark over them."""
+    text = (files("spmm_torch.configs") / f"{name}.yaml").read_text(encoding="utf-8")
+    return FitConfig.from_dict(yaml.safe_load(text) or {}).override(list(overrides))

@@ -1,0 +1,62 @@
+"""Errors by the polar angles of light and view."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..data.selection import RING_TOLERANCE
+
+# More polar angles than this are shown in bands of equal width.
+MAX_RINGS, BANDS = 12, 12
+
+
+@dataclass(frozen=True)
+class AngleTable:
+    """Sums of squares by rings of views (rows) and of lights (columns).
+
+    Attributes:
+        view, light: polar angle of each ring, or of the middle of each band, in degrees.
+        energy, error: `[rows, columns]` float64.
+    """
+
+    view: tuple[float, ...]
+    light: tuple[float, ...]
+    energy: Tensor
+    error: Tensor
+
+    def snr_db(self) -> Tensor:
+        """SNR of each cell in decibels; NaN where no pair lies."""
+        return 10.0 * torch.log10(self.energy / self.error)
+
+    def share(self) -> Tensor:
+        """The part of the whole error in each cell; NaN where no pair lies."""
+        return torch.where(self.energy > 0.0, self.error / self.error.sum(), torch.nan)
+
+
+def by_angle(view: Tensor, light: Tensor, energy: Tensor, error: Tensor) -> AngleTable:
+    """Adds up sums of squares `[D]` of the pairs of views `[V, 3]` and lights `[L, 3]`."""
+    (row, view_degrees), (column, light_degrees) = rings(view), rings(light)
+    rows = torch.nn.functional.one_hot(row, len(view_degrees)).double()  # [V, rows]
+    columns = torch.nn.functional.one_hot(column, len(light_degrees)).double()
+    sums = (rows.T @ part.view(len(view), len(light)) @ columns for part in (energy, error))
+    return AngleTable(view_degrees, light_degrees, *sums)
+
+
+def rings(directions: Tensor) -> tuple[Tensor, tuple[float, ...]]:
+    """Ring of each direction of `[N, 3]`, and the polar angle of each ring in degrees, rising."""
+    exact = directions.double().cpu()
+    polar = torch.atan2(exact[:, :2].norm(dim=1), exact[:, 2])
+    order = polar.argsort()
+    ring = torch.zeros(len(polar), dtype=torch.long)
+    ring[order[1:]] = (polar[order].diff() > RING_TOLERANCE).cumsum(0)
+    count = int(ring.max()) + 1
+    if count > MAX_RINGS:
+        width = 90.0 / BANDS
+        band = (polar.rad2deg() / width).long().clamp(max=BANDS - 1)
+        return band, tuple(width * (index + 0.5) for index in range(BANDS))
+    sums = torch.zeros(count, dtype=torch.float64).index_add(0, ring, polar)
+    means = (sums / torch.bincount(ring)).rad2deg()
+    return ring, tuple(round(angle, 1) for angle in means.tolist())

@@ -1,0 +1,175 @@
+"""The judgement of a model: every figure of `evaluation.json`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..data import BTF
+from ..metrics import Totals, psnr_db, snr_db
+from ..model import SPMM
+from ..progress import Progress
+from ..report.summary import device_name, versions
+from .angles import AngleTable, by_angle
+from .flip import flip
+from .mssim import Score, mean_score, mssim
+from .source import Source
+from .spheres import Spheres, compare_spheres
+from .sums import SquaredErrors, squared_errors
+from .worst import worst_pairs, worst_texels
+
+ALL_FITTED = (
+    "The run was fitted to every direction of its input; fit it with --directions to hold some out."
+)
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """How alike the sphere pictures of a model and its BTF are.
+
+    Attributes:
+        spheres: the pictures.
+        scores: MSSIM of each pair.
+    """
+
+    spheres: Spheres
+    scores: list[Score]
+
+    @property
+    def mssim(self) -> Score:
+        """`y`, `cr`, `cb` and `mean` over all pairs."""
+        return mean_score(self.scores)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What an evaluation finds.
+
+    Attributes:
+        source: what was compared.
+        errors: squared errors over the whole input.
+        table: errors of the fitted pairs by polar angles.
+        held_out: the same of the other pairs; None if there are none.
+        likeness: of the sphere pictures.
+        figures: the content of `evaluation.json`.
+    """
+
+    source: Source
+    errors: SquaredErrors
+    table: AngleTable
+    held_out: AngleTable | None
+    likeness: Likeness
+    figures: dict[str, Any]
+
+
+def likeness(model: SPMM, btf: BTF, device: torch.device | str) -> Likeness:
+    """Renders the spheres of `spheres` and scores them."""
+    spheres = compare_spheres(model, btf, device)
+    return Likeness(spheres, mssim(spheres))
+
+
+def judge(source: Source, device: torch.device, progress: Progress) -> Judgement:
+    """Compares the saved model with its input in every way.
+
+    Raises:
+        DataError: the input cannot be decoded or is not valid.
+    """
+    model, btf, fitted = source.model, source.btf, source.fitted
+    with progress.stage("evaluate", btf.texel_count, "texels") as stage:
+        errors = squared_errors(model, btf, fitted, stage)
+    with progress.stage("render", 1, "scene"):
+        found = likeness(model, btf, device)
+    peak = source.fitted_part().peak()
+    table = _table(btf, errors, fitted)
+    held_out = None if bool(fitted.all()) else _table(btf, errors, ~fitted)
+    totals = errors.totals(fitted)
+    count = btf.texel_count * int(fitted.sum()) * btf.channels
+    figures = {
+        "run": str(source.run),
+        "input": btf.path,
+        "texels": btf.texel_count,
+        "direction_pairs": int(fitted.sum()),
+        "channels": btf.channels,
+        "psnr_peak": peak,
+        **decibels(totals, peak, count),
+    }
+    figures["snr_db"]["cluster_mean"] = snr_db(totals.energy, totals.cluster_mean)
+    figures |= {
+        "report_difference_db": report_difference(figures, source.report),
+        "mssim": found.mssim,
+        "mssim_by_light": dict(zip(found.spheres.titles, found.scores, strict=True)),
+        "flip": _mean(flip(found.spheres)),
+        "by_angle": _angle_figures(table),
+        "worst_texels": worst_texels(errors, btf.width),
+        "worst_pairs": worst_pairs(errors, btf, fitted),
+        "held_out": None if held_out is None else _held_out(source, errors, peak, held_out),
+        "held_out_note": ALL_FITTED if held_out is None else None,
+        "device": device_name(device),
+        "versions": versions(),
+    }
+    return Judgement(source, errors, table, held_out, found, figures)
+
+
+def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, float]]:
+    """`psnr_db` and `snr_db`, each without and with residual, as the report defines them."""
+    errors = {
+        "without_residual": totals.without_residual,
+        "with_residual": totals.with_residual,
+    }
+    return {
+        "psnr_db": {name: psnr_db(peak, error, count) for name, error in errors.items()},
+        "snr_db": {name: snr_db(totals.energy, error) for name, error in errors.items()},
+    }
+
+
+def report_difference(figures: dict[str, Any], report: dict[str, Any]) -> float | None:
+    """The largest difference in decibels to what the fit itself reported.
+
+    Infinite figures are null there and do not count; None where no figure does.
+    """
+    reported = {group: report.get(group) or {} for group in ("psnr_db", "snr_db")}
+    differences = [
+        abs(value - reported[group][name])
+        for group in reported
+        for name, value in figures[group].items()
+        if reported[group].get(name) is not None
+    ]
+    return max(differences, default=None)
+
+
+def _table(btf: BTF, errors: SquaredErrors, pairs: Tensor) -> AngleTable:
+    """Errors of some pairs, `[D]` bool, by polar angles."""
+    energy, error = errors.energy * pairs, errors.with_residual * pairs
+    return by_angle(btf.view, btf.light, energy, error)
+
+
+def _held_out(
+    source: Source, errors: SquaredErrors, peak: float, table: AngleTable
+) -> dict[str, Any]:
+    """The errors at pairs that the fit did not see."""
+    pairs = ~source.fitted
+    number = int(pairs.sum())
+    count = source.btf.texel_count * number * source.btf.channels
+    return {
+        "direction_pairs": number,
+        **decibels(errors.totals(pairs), peak, count),
+        "by_angle": _angle_figures(table),
+    }
+
+
+def _angle_figures(table: AngleTable) -> dict[str, Any]:
+    """Rows are views, columns are lights."""
+    return {
+        "view_polar_degrees": list(table.view),
+        "light_polar_degrees": list(table.light),
+        "energy": table.energy.tolist(),
+        "squared_error": table.error.tolist(),
+        "snr_db": table.snr_db().tolist(),
+    }
+
+
+def _mean(values: list[float] | None) -> float | None:
+    return None if values is None else sum(values) / len(values)

@@ -1,0 +1,125 @@
+"""What a run was fitted to, found again: its model beside its input."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..config import FitConfig
+from ..data import BTF, Selection, load_btf
+from ..errors import DataError, OutputError
+from ..model import SPMM
+from ..report.contract import FILE_NAME as REPORT_FILE
+from ..run_folder import CONFIG
+
+# Measured directions closer than this, in radians, are the same: a hundredth of what the formats
+# tell apart.
+SAME_DIRECTION = 2e-5
+
+
+@dataclass(frozen=True)
+class Source:
+    """A run and the BTF that it is judged against.
+
+    Attributes:
+        run: its folder.
+        report: the figures of its fit.
+        model: on the device asked for.
+        btf: the texels that the model was fitted to, under all directions of the input.
+        views, lights: whether the fit saw each direction of the BTF, `[V]`, `[L]` bool.
+    """
+
+    run: Path
+    report: dict[str, Any]
+    model: SPMM
+    btf: BTF
+    views: Tensor
+    lights: Tensor
+
+    @property
+    def fitted(self) -> Tensor:
+        """Direction pairs that the fit saw, `[D]` bool."""
+        return (self.views[:, None] & self.lights).flatten()
+
+    def fitted_part(self) -> BTF:
+        """The BTF as the fit saw it."""
+        if bool(self.fitted.all()):
+            return self.btf
+        views, lights = (torch.nonzero(part).squeeze(1) for part in (self.views, self.lights))
+        return self.btf.restricted(views=views, lights=lights)
+
+
+def open_source(
+    run: Path | str, against: Path | str | None, device: torch.device | str = "cpu"
+) -> Source:
+    """A run, and its own input or another one; the run's data settings hold for either.
+
+    Raises:
+        OutputError: no run there, or a part of it is missing.
+        DataError: the input is not there any more, or has other texels or directions.
+    """
+    folder = Path(run)
+    model = SPMM.load(folder, device)
+    report = read_report(folder)
+    config = FitConfig.from_yaml(folder / CONFIG)
+    path = Path(report["input"] if against is None else against)
+    if against is None and not path.exists():
+        raise DataError(
+            f"the input of {run}, {path}, does not exist; expected it where it was when the run "
+            f"was made; name its place now with --against."
+        )
+    data = config.data
+    btf = load_btf(
+        path,
+        gamma=data.gamma,
+        cosine=data.cosine,
+        selection=Selection(data.crop, data.texels),
+        seed=config.seed,
+    )
+    _check_size(btf, model, path, folder)
+    views, lights = _seen(btf.view, model.view), _seen(btf.light, model.light)
+    if views.sum() != len(model.view) or lights.sum() != len(model.light):
+        raise DataError(
+            f"{path} has {int(views.sum())} of the {len(model.view)} view directions and "
+            f"{int(lights.sum())} of the {len(model.light)} light directions of {run}; expected "
+            f"all of them; give the input that the run was fitted to."
+        )
+    return Source(folder, report, model, btf, views, lights)
+
+
+def read_report(run: Path) -> dict[str, Any]:
+    """The figures of a run.
+
+    Raises:
+        OutputError: not there, or malformed.
+    """
+    path = run / REPORT_FILE
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"{path} cannot be read ({error}); expected the report of a run; give the folder that "
+            f"spmm fit has made."
+        ) from error
+    if not isinstance(report, dict) or "input" not in report:
+        raise OutputError(f"{path} names no input; expected the report of a run; fit it anew.")
+    return report
+
+
+def _check_size(btf: BTF, model: SPMM, path: Path, run: Path) -> None:
+    if (btf.height, btf.width) != (model.height, model.width):
+        raise DataError(
+            f"{path} has {btf.width} x {btf.height} texels under the settings of {run}, whose "
+            f"model has {model.width} x {model.height}; give the input that it was fitted to."
+        )
+
+
+def _seen(directions: Tensor, fitted: Tensor) -> Tensor:
+    """Which of `directions [N, 3]` are among those of the fit, `[N]` bool."""
+    distance = torch.cdist(directions.double().cpu(), fitted.detach().double().cpu())
+    return distance.amin(dim=1) < SAME_DIRECTION

@@ -1,0 +1,25 @@
+"""The Pareto front."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from spmm_torch.benchmark.front import pareto_front
+
+POINTS = st.lists(st.tuples(st.integers(0, 9), st.integers(0, 9)), max_size=12)
+
+
+def test_a_known_front() -> None:
+    costs, qualities = [1, 2, 3, 3, 9, 2], [1, 5, 4, 5, 9, 5]
+    assert pareto_front(costs, qualities) == [True, True, False, False, True, True]
+
+
+@given(POINTS)
+def test_what_is_off_the_front_is_beaten_by_what_is_on_it(points: list[tuple[int, int]]) -> None:
+    on = pareto_front([cost for cost, _ in points], [quality for _, quality in points])
+    front = [point for point, chosen in zip(points, on, strict=True) if chosen]
+    assert bool(front) == bool(points)
+    for point, chosen in zip(points, on, strict=True):
+        beaten = any(f != point and f[0] <= point[0] and f[1] >= point[1] for f in front)
+        assert beaten != chosen

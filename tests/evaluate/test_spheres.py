@@ -1,0 +1,66 @@
+"""The sphere pictures are what their definition says."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from spmm_torch.evaluate.spheres import LIGHTS, compare_spheres, light_pictures, sphere_lights
+from spmm_torch.render import Texture
+from tests.evaluate.runs import RINGS, SMALL
+from tests.render.planted import FINE_RINGS, Lambertian, planted_model, tabulated
+
+
+def test_a_lambertian_sphere_is_as_bright_as_it_should_be() -> None:
+    pictures = light_pictures(Lambertian((1.0, 0.5, 0.2)), Texture(), "cpu")
+    assert pictures.shape == (len(LIGHTS), SMALL.size, SMALL.size, 3)
+    axis = (2.0 * (torch.arange(SMALL.size) + 0.5) / SMALL.size - 1.0) * 1.05
+    y, x = torch.meshgrid(-axis, axis, indexing="ij")
+    z = torch.sqrt((1.0 - x * x - y * y).clamp(min=0.0))
+    normal = torch.stack((x, y, z), dim=-1)
+    inside = x * x + y * y < 0.8
+    for picture, light in zip(pictures, sphere_lights(), strict=True):
+        cosine = (normal @ light.direction.float()).clamp(min=0.0)
+        error = (picture[..., 0] - cosine / math.pi)[inside].abs()
+        assert float(error.max()) < 0.03  # eye rays are spread over their pixel
+        assert float(error.mean()) < 0.005
+    torch.testing.assert_close(pictures[..., 1], 0.5 * pictures[..., 0])
+
+
+def test_a_model_and_its_own_table_look_alike() -> None:
+    model = planted_model(2, rings=FINE_RINGS, names=("lambertian", "oren_nayar"))
+    found = compare_spheres(model, tabulated(model))
+    counted = found.counts[..., None].expand_as(found.original)
+    error = (found.original - found.model)[counted].square().mean()
+    assert float(error / found.original[counted].square().mean()) < 1e-3
+    shown = found.original * found.exposure[:, None, None, None]
+    for picture, counts in zip(shown, found.counts, strict=True):
+        assert float((picture[counts] > 1.0).float().mean()) == pytest.approx(0.01, abs=0.005)
+
+
+def test_pixels_count_where_the_sphere_is_lit() -> None:
+    model = planted_model(2, rings=RINGS)
+    found = compare_spheres(model, tabulated(model))
+    size = SMALL.size
+    parts = [float(counts.float().mean()) for counts in found.counts]
+    disk = math.pi / 4.0 / 1.05**2
+    for part, (_, angle, _) in zip(parts, LIGHTS, strict=True):
+        assert part == pytest.approx(disk * (1.0 + math.cos(math.radians(angle))) / 2.0, rel=0.06)
+    assert found.counts[1, size // 4, size // 4]  # light from the upper left
+    assert not found.counts[2, size // 2, size // 6]  # light from the right
+
+
+def test_a_large_texture_is_read_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    btf = tabulated(planted_model(2, rings=RINGS))
+    read: list[int] = []
+    texels = type(btf).texels
+
+    def counted(self, index, device="cpu"):  # noqa: ANN001, ANN202
+        read.append(len(index))
+        return texels(self, index, device)
+
+    monkeypatch.setattr(type(btf), "texels", counted)
+    compare_spheres(planted_model(2, rings=RINGS), btf)
+    assert sum(read) == 4  # all four texels, each once

@@ -1,0 +1,66 @@
+"""Squared errors against brute force, whatever the blocks."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from spmm_torch import SPMM
+from spmm_torch.evaluate import sums
+from spmm_torch.evaluate.angles import by_angle, rings
+from spmm_torch.evaluate.sums import squared_errors
+from spmm_torch.geometry import direction_pairs, hemisphere_spiral, ring_directions
+from tests.evaluate.runs import RINGS, planted_btf
+from tests.render.planted import planted_model
+
+SIZE = 5
+
+
+@pytest.mark.parametrize("block", [1 << 23, 3 * 400 * 2])
+def test_sums_are_those_of_pictures(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    monkeypatch.setattr(sums, "BLOCK_VALUES", block)
+    model, btf = planted_model(SIZE, rings=RINGS, residual=0.05, seed=1), planted_btf(SIZE)
+    fitted = torch.rand(btf.pair_count, generator=torch.Generator().manual_seed(0)) < 0.7
+    told: list[int] = []
+    found = squared_errors(model, btf, fitted, told.append)
+    assert sum(told) == SIZE * SIZE
+    value = btf.texels().double()  # [T, D, C]
+    errors = [whole_table(model, residual).double() - value for residual in (False, True)]
+    totals = (found.energy, found.without_residual, found.with_residual)
+    for expected, total in zip((value, *errors), totals, strict=True):
+        torch.testing.assert_close(total, expected.square().sum((0, 2)), rtol=1e-4, atol=1e-8)
+    mean = torch.stack([value[model.labels == k].mean(0) for k in range(model.cluster_count)])
+    expected = (value - mean[model.labels]).square().sum((0, 2))
+    torch.testing.assert_close(found.cluster_mean, expected, rtol=1e-5, atol=1e-9)
+    expected = errors[1].square().sum(2)[:, fitted].sum(1)
+    torch.testing.assert_close(found.texel_error, expected, rtol=1e-4, atol=1e-8)
+
+
+@torch.no_grad()
+def whole_table(model: SPMM, residual: bool) -> Tensor:
+    """Every texel at every measured pair `[T, D, C]`, as anybody would ask for it."""
+    texel = torch.arange(model.texel_count)
+    u, v = (texel % SIZE + 0.5) / SIZE, 1.0 - (texel // SIZE + 0.5) / SIZE
+    wi, wo = direction_pairs(model.light, model.view)
+    return model(torch.stack((u, v), -1)[:, None], wi[None], wo[None], residual=residual)
+
+
+def test_the_angle_table_adds_up() -> None:
+    directions = ring_directions(RINGS)
+    pairs = len(directions) ** 2
+    energy, error = torch.rand(2, pairs, dtype=torch.float64)
+    table = by_angle(directions, directions, energy, error)
+    assert table.view == table.light == (0.0, 20.0, 40.0, 60.0)
+    assert float(table.energy.sum()) == pytest.approx(float(energy.sum()))
+    assert float(table.error.sum()) == pytest.approx(float(error.sum()))
+    own = error.view(len(directions), -1)[1:6, -8:]  # views at 20 degrees, lights at 60
+    assert float(table.error[1, 3]) == pytest.approx(float(own.sum()))
+
+
+def test_directions_without_rings_go_into_bands() -> None:
+    directions = hemisphere_spiral(200)
+    band, degrees = rings(directions)
+    assert len(degrees) == 12
+    polar = torch.rad2deg(torch.arccos(directions[:, 2]))
+    assert float((polar - torch.tensor(degrees)[band]).abs().max()) <= 3.76
