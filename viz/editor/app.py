@@ -7,7 +7,6 @@ a slider that moves faster than pictures come never waits in a queue.
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -168,7 +167,6 @@ class EditorApp:
                 "usable": self.session.usable(),
                 "original_image": jpeg_uri(self.preview.original),
                 "edited_image": jpeg_uri(self.preview.original),
-                "pictures": 0,
             }
         )
         self.say("")
@@ -220,7 +218,6 @@ class EditorApp:
 
     async def _show(self, pictures: Callable[[], dict[str, str]]) -> bool:
         """Shows what `pictures` makes, in another thread; whether nothing is left to be done."""
-        start = time.perf_counter()
         try:
             images = await asyncio.get_running_loop().run_in_executor(None, pictures)
         except Stopped:
@@ -230,8 +227,6 @@ class EditorApp:
             self.say(f"{error}", wrong=True)
         with self.state:
             self.state.update(images)
-            self.state.milliseconds = round(1000.0 * (time.perf_counter() - start))
-            self.state.pictures += 1
         return pictures == self._finish
 
     def _follow(self) -> dict[str, str]:
