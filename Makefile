@@ -28,7 +28,7 @@ $(VENV)/installed: $(VENV)/created $(DEPENDENCIES)
 	@touch $@
 
 $(VENV)/installed-test: $(VENV)/created $(DEPENDENCIES)
-	$(PY) -m pip install --quiet --editable ".[test,mitsuba,eval]" --constraint constraints.txt
+	$(PY) -m pip install --quiet --editable ".[test,mitsuba,eval,viz]" --constraint constraints.txt
 	@touch $@ $(VENV)/installed
 
 demo: $(VENV)/installed

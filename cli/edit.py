@@ -13,6 +13,8 @@ from spmm_torch.edited_run import edit_run
 from spmm_torch.errors import ConfigError, SPMMError
 from spmm_torch.schema import describe
 
+INTERACTIVE = "--interactive"
+
 
 class _Parser(argparse.ArgumentParser):
     """Complains like everything else here: one sentence."""
@@ -28,6 +30,8 @@ class _Parser(argparse.ArgumentParser):
 
 def main(arguments: list[str] | None = None) -> int:
     """The command `spmm edit`; returns the exit code."""
+    if INTERACTIVE in (sys.argv[1:] if arguments is None else arguments):
+        return interactive(arguments)
     try:
         options = parser().parse_args(arguments)
         script = Script.read(script_path(options.script))
@@ -38,6 +42,13 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     print(options.output)
     return 0
+
+
+def interactive(arguments: list[str] | None) -> int:
+    """`spmm edit RUN --interactive`; imported when asked for, as it needs the extra `viz`."""
+    from spmm_torch.viz.editor.command import main
+
+    return main(arguments)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -52,6 +63,7 @@ def parser() -> argparse.ArgumentParser:
     add("run", metavar="RUN", help="run folder or model file")
     add("script", metavar="SCRIPT", help=f"YAML file, or one of {', '.join(packaged())}")
     add("-o", "--output", required=True, metavar="RUN2", help="folder to make")
+    add(INTERACTIVE, action="store_true", help="edit in the browser; takes no SCRIPT")
     add("--device", default="auto", help="auto, cpu, cuda or cuda:N")
     return result
 

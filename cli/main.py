@@ -14,12 +14,21 @@ from spmm_torch.synthesize import main as synthesize
 
 from . import cache, edit
 
+
+def view(arguments: list[str]) -> int:
+    """`spmm view`; imported when it is asked for, as it needs the extra `viz`."""
+    from ..viz.view_command import main
+
+    return main(arguments)
+
+
 COMMANDS: dict[str, tuple[Callable[[list[str]], int], str]] = {
     "fit": (fit.main, "fit a model to a BTF: spmm fit INPUT -o RUN"),
     "evaluate": (evaluate, "judge a run: errors, MSSIM, where it fails: spmm evaluate RUN"),
     "figures": (figures, "the figures of the paper for a run: spmm figures RUN -o OUT"),
     "render": (render, "picture of a model or BTF on a sphere or plane: spmm render RUN -o X.png"),
     "edit": (edit.main, "edit a model by a script: spmm edit RUN SCRIPT -o RUN2"),
+    "view": (view, "lobes of a texel, mosaic and maps of a model: spmm view RUN --texel X,Y"),
     "convert": (convert.main, "write a BTF in another format: spmm convert INPUT -o OUT"),
     "synthesize": (synthesize, "path-trace a BTF from texture maps: spmm synthesize ... -o OUT"),
     "benchmark": (benchmark, "speed against error, on this machine: spmm benchmark -o OUT"),

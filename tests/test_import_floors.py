@@ -37,7 +37,8 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"evaluate"}),
     frozenset({"fit", "convert", "synthesize", "edited_run", "figures"}),
     frozenset({"benchmark"}),
-    frozenset({"cli", "viz"}),
+    frozenset({"viz"}),
+    frozenset({"cli"}),
 )
 LEVEL = {unit: level for level, floor in enumerate(FLOORS) for unit in floor}
 # Packages of the extras: imported in the function that needs them, or not at all.
@@ -49,7 +50,9 @@ LAZY = frozenset(
         "pyvista",
         "sklearn",
         "trame",
+        "trame_pyvista",
         "trame_vtk",
+        "trame_vuetify",
         "vtk",
         "vtkmodules",
     }
@@ -158,7 +161,7 @@ PLANTED = [
     ("spmm_torch.model", "from spmm_torch import SPMM", "imports spmm_torch,"),
     ("spmm_torch.render.scene", "def f():\n    from ..fit import fit", "render.scene:2 imports"),
     ("spmm_torch.edit", "def f():\n    import spmm_torch.fit as g", "not lie on a lower floor"),
-    ("spmm_torch.cli.view", "from ..viz import app", "not lie on a lower floor"),
+    ("spmm_torch.edit.command", "from ..viz import app", "not lie on a lower floor"),
     ("spmm_torch.fit", "from .cli.main import main", "not lie on a lower floor"),
     ("spmm_torch.viz.app", "import pyvista as pv", "at the top"),
     ("spmm_torch.viz.app", "try:\n    from trame.app import x\nexcept ImportError: ...", "at the"),

@@ -1,1 +1,1 @@
-"""Viewers that need a screen or an off-screen renderer; nothing else imports them."""
+"""Viewers that need a screen, a browser or an off-screen renderer; only `cli` imports them."""

@@ -1,0 +1,170 @@
+"""The editor in a real browser: what a user does first, from opening to a saved run."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from spmm_torch import SPMM
+from spmm_torch.edit import Script
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+CODE = "import sys; from spmm_torch.cli.main import main; sys.exit(main(sys.argv[1:]))"
+# A busy machine starts a browser slowly; nothing here waits longer than it must.
+PATIENCE = 60.0
+FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage")
+
+pytestmark = pytest.mark.slow
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    """Waits for something to be true, and returns it."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.1)
+    raise AssertionError("it did not come true in time")
+
+
+@pytest.fixture
+def address(run: Path, tmp_path: Path) -> Iterator[str]:
+    """An editor on the run that would save as `run2`."""
+    for package in ("selenium", "trame", "trame_vuetify"):
+        pytest.importorskip(package)
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip("needs chromium and chromedriver")
+    options = ["--interactive", "--no-browser", "--size", "96", "-o", str(tmp_path / "run2")]
+    process = subprocess.Popen(
+        [sys.executable, "-c", CODE, "edit", str(run), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert process.stdout is not None
+    found = re.search(r"http://localhost:\d+/", process.stdout.readline())
+    assert found is not None
+    yield found[0]
+    process.send_signal(signal.SIGINT)
+    rest, _ = process.communicate(timeout=PATIENCE)
+    assert "Traceback" not in rest
+
+
+@pytest.fixture
+def page(address: str) -> Iterator[Any]:
+    """The page in a headless browser."""
+    from selenium import webdriver
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*FLAGS, "window-size=1360,1040"):
+        options.add_argument(f"--{flag}")
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    try:
+        until(lambda: _opened(driver, address))
+        yield driver
+    finally:
+        driver.quit()
+
+
+def _opened(driver: Any, address: str) -> bool:
+    """Whether the page is there; the server may still be starting."""
+    from selenium.common.exceptions import WebDriverException
+
+    try:
+        if not driver.find_elements("id", "edited"):
+            driver.get(address)
+            time.sleep(1.0)
+        return bool(driver.find_elements("id", "edited"))
+    except WebDriverException:
+        return False
+
+
+def drag(page: Any, name: str, distance: int) -> None:
+    """Drags the thumb of a slider to the right, in steps as a hand does."""
+    from selenium.webdriver import ActionChains
+
+    thumb = page.find_element("css selector", f".row:has(#slider_{name}) .v-slider-thumb")
+    actions = ActionChains(page, duration=40).click_and_hold(thumb)
+    for _ in range(4):
+        actions = actions.move_by_offset(distance // 4, 0)
+    actions.release().perform()
+
+
+def settled(page: Any, name: str) -> str:
+    """The picture once it has not changed for a while: dragging is over, and it is smooth."""
+    seen = [picture(page, name)]
+    until(lambda: (time.sleep(0.6), seen.append(picture(page, name)), seen[-1] == seen[-2])[2])
+    return seen[-1]
+
+
+def picture(page: Any, name: str) -> str:
+    return page.find_element("id", name).get_attribute("src")
+
+
+def text(page: Any, name: str) -> str:
+    return page.find_element("id", name).text
+
+
+def click(page: Any, name: str) -> None:
+    page.find_element("id", name).click()
+
+
+def test_a_session_in_the_browser(page: Any, run: Path, tmp_path: Path) -> None:
+    original = settled(page, "original")
+    first = settled(page, "edited")
+    assert first == original
+
+    drag(page, "intensity", 24)
+    until(lambda: text(page, "script").startswith("- intensity:"))
+    brighter = settled(page, "edited")
+    assert brighter != first
+    assert settled(page, "original") == original
+
+    click(page, "undo")
+    until(lambda: text(page, "script") == "no edits yet")
+    assert settled(page, "edited") == first
+    click(page, "redo")
+    assert settled(page, "edited") == brighter
+
+    plain = picture(page, "slice")
+    click(page, "tool_rectangle")
+    select_quarter(page)
+    until(lambda: picture(page, "slice") != plain)
+    drag(page, "hue", 24)
+    until(lambda: "rectangle:" in text(page, "script"))
+
+    click(page, "shape_cloth")
+    until(lambda: picture(page, "original") != original)
+    click(page, "save")
+    until(lambda: text(page, "message").startswith("saved as"))
+    saved = SPMM.load(tmp_path / "run2")
+    script = Script.read(tmp_path / "run2" / "edits.yaml")
+    assert [step.name for step in script.steps] == ["intensity", "hue_saturation"]
+    expected = script.apply(SPMM.load(run))
+    assert torch.equal(saved.weight, expected.weight)
+
+    click(page, "save")
+    until(lambda: "exists" in text(page, "message"))
+
+
+def select_quarter(page: Any) -> None:
+    """Drags a rectangle over the middle of the texture."""
+    from selenium.webdriver import ActionChains
+
+    texture = page.find_element("id", "slice")
+    page.execute_script("arguments[0].scrollIntoView()", texture)
+    actions = ActionChains(page, duration=40).move_to_element_with_offset(texture, -50, -50)
+    actions.click_and_hold().move_by_offset(50, 50).move_by_offset(50, 50).release().perform()

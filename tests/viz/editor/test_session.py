@@ -1,0 +1,181 @@
+"""A session: sliders make scripts, undo and redo, and what is saved is what was shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from spmm_torch import SPMM
+from spmm_torch.edit import Script
+from spmm_torch.edit.mask_options import ClusterMask, RectangleMask
+from spmm_torch.errors import ConfigError, OutputError
+from spmm_torch.viz.editor.session import Session
+from spmm_torch.viz.editor.sliders import NEUTRAL, SLIDERS, edits_of
+from tests.render.planted import DIFFUSE, planted_model
+
+
+@pytest.fixture
+def session(run: Path) -> Session:
+    return Session.open(run)
+
+
+def same(a: SPMM, b: SPMM) -> bool:
+    """Whether two models are equal to the bit."""
+    first, second = a.to_tensors()[0], b.to_tensors()[0]
+    return first.keys() == second.keys() and all(
+        first[name].shape == second[name].shape and torch.equal(first[name], second[name])
+        for name in first
+    )
+
+
+def test_neutral_sliders_make_no_edit() -> None:
+    assert edits_of({}) == []
+    assert edits_of(NEUTRAL) == []
+
+
+@pytest.mark.parametrize("slider", SLIDERS, ids=lambda slider: slider.name)
+def test_every_slider_makes_one_edit_at_either_end(slider) -> None:  # noqa: ANN001
+    assert slider.low < slider.neutral < slider.high or slider.neutral == slider.low
+    for value in (slider.low, slider.high):
+        assert len(edits_of({slider.name: value})) == 1
+
+
+@pytest.mark.parametrize("slider", SLIDERS, ids=lambda slider: slider.name)
+def test_every_slider_changes_a_model(slider, session: Session) -> None:  # noqa: ANN001
+    session.move(slider.name, 0.5 * (slider.neutral + slider.high))
+    assert not same(session.model(), session.original)
+
+
+def test_a_drag_is_undone_at_once(session: Session) -> None:
+    for value in (1.2, 1.5, 2.0):
+        session.move("intensity", value)
+    session.release()
+    session.move("intensity", 2.5)
+    assert session.values["intensity"] == 2.5
+    session.undo()
+    assert session.values["intensity"] == 2.0
+    session.undo()
+    assert session.values == NEUTRAL
+    assert not session.can_undo
+    assert same(session.model(), session.original)
+
+
+def test_redo_follows_undo_until_something_else_is_done(session: Session) -> None:
+    session.move("hue", 40.0)
+    before = session.model()
+    session.undo()
+    session.redo()
+    assert same(session.model(), before)
+    session.undo()
+    session.move("intensity", 2.0)
+    assert not session.can_redo
+
+
+def test_undo_of_nothing_is_nothing(session: Session) -> None:
+    session.undo()
+    session.redo()
+    assert session.script == Script()
+
+
+def test_moving_back_to_neutral_leaves_no_edit(session: Session) -> None:
+    session.move("intensity", 2.0)
+    session.move("intensity", 1.0)
+    assert session.script == Script()
+
+
+def test_edits_stay_where_they_were_made(session: Session) -> None:
+    left = RectangleMask(0, 0, 4, 8)
+    session.select(left)
+    session.move("intensity", 2.0)
+    session.select(None)
+    assert session.values == NEUTRAL
+    session.move("saturation", 0.5)
+    assert [step.mask for step in session.script.steps] == [left, None]
+    session.undo()
+    gain = session.model().weight / session.original.weight
+    texel = torch.repeat_interleave(session.original.lobe_count_per_texel())
+    assert torch.allclose(gain[texel % 8 < 4], torch.tensor(2.0))
+    assert torch.allclose(gain[texel % 8 >= 4], torch.tensor(1.0))
+
+
+def test_a_selection_without_edits_leaves_no_layer(session: Session) -> None:
+    session.select(ClusterMask((0,)))
+    session.select(ClusterMask((1,)))
+    assert len(session.layers) == 1
+    assert session.mask == ClusterMask((1,))
+
+
+def test_typed_edits_act_in_the_selection(session: Session) -> None:
+    session.select(ClusterMask((1,)))
+    session.add("intensity: {factor: 3}")
+    (step,) = session.script.steps
+    assert step.mask == ClusterMask((1,))
+    session.add(
+        "[{intensity: {factor: 2, mask: {cluster: {number: 0}}}}, {spread_normals: {factor: 2}}]"
+    )
+    assert [step.name for step in session.script.steps] == [
+        "intensity",
+        "intensity",
+        "spread_normals",
+    ]
+    session.reset()
+    assert session.script == Script()
+    session.undo()
+    assert len(session.script.steps) == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("intensty: {factor: 2}", "did you mean intensity"),
+        ("intensity: {factor: -1}", "factor"),
+        ("intensity: {", "not valid YAML"),
+        ("7", "expected one edit"),
+        ("intensity: {factor: 2, mask: {cluster: {number: 9}}}", "cluster"),
+    ],
+)
+def test_a_wrong_text_changes_nothing(session: Session, text: str, complaint: str) -> None:
+    with pytest.raises(ConfigError, match=complaint):
+        session.add(text)
+    assert session.script == Script()
+    assert not session.can_undo
+
+
+def test_what_no_slider_allows_is_refused(session: Session) -> None:
+    with pytest.raises(ConfigError, match="unknown slider tint; expected one of intensity"):
+        session.move("tint", 1.0)
+    with pytest.raises(ConfigError, match="intensity is 99; expected a value from 0 to 3"):
+        session.move("intensity", 99)
+
+
+def test_the_model_is_that_of_the_script(session: Session) -> None:
+    session.move("width", 0.6)
+    session.move("hue", 60.0)
+    session.move("normals", 1.5)
+    session.move("normals", 1.6)
+    assert same(session.model(), session.script.apply(session.original))
+
+
+def test_saved_runs_are_what_was_shown(session: Session, tmp_path: Path) -> None:
+    session.select(RectangleMask(2, 2, 3, 3))
+    session.move("hue", -100.0)
+    session.save(tmp_path / "run2")
+    assert same(SPMM.load(tmp_path / "run2"), session.model())
+    again = Script.read(tmp_path / "run2" / "edits.yaml")
+    assert same(again.apply(session.original), session.model())
+    with pytest.raises(OutputError, match="exists"):
+        session.save(tmp_path / "run2")
+    with pytest.raises(ConfigError, match="no name to save as"):
+        session.save(" ")
+
+
+def test_sliders_without_lobes_are_not_usable(session: Session) -> None:
+    assert all(session.usable().values())
+    matte = Session(session.run, planted_model(names=DIFFUSE).requires_grad_(False))
+    usable = matte.usable()
+    assert not usable["specular"]
+    assert not usable["width"]
+    assert usable["diffuse"]
+    assert usable["hue"]

@@ -1,0 +1,1 @@
+"""The interactive editor: a session without a screen, its preview, and a page around them."""

@@ -1,0 +1,250 @@
+"""The editor in a browser: the state of a trame page, kept in step with a session.
+
+Answers to the page only note what changed; one worker makes pictures of the newest state, so that
+a slider that moves faster than pictures come never waits in a queue.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+from ...device import full_precision
+from ...errors import SPMMError
+from .drawing import Drawing
+from .lobe_cache import Stopped
+from .page import build_page
+from .preview import SIZE, Preview, jpeg_uri, png_uri
+from .session import Session
+from .sliders import SLIDERS
+from .stage import Setting, first_setting
+
+SETTINGS = ("shape", "repeat", "light_theta", "light_phi", "view_theta", "view_phi")
+# Pictures become smooth once nothing has changed for so long, in seconds.
+PAUSE = 0.25
+
+
+def answered(action: Callable[..., None]) -> Callable[..., None]:
+    """An answer to the page: what is wrong is said there, and the pictures follow."""
+
+    @wraps(action)
+    def answer(self: EditorApp, *arguments: Any) -> None:
+        self.say("")
+        try:
+            action(self, *arguments)
+        except SPMMError as error:
+            self.say(f"{error}", wrong=True)
+        self.show_session()
+        self.changed.set()
+
+    return answer
+
+
+class EditorApp:
+    """One session in one page.
+
+    Args:
+        session: what is edited.
+        folder: for pictures of selections, as long as the editor runs.
+        save_name: what the folder to save as is called at first.
+        size: pixels along each side of the pictures.
+    """
+
+    def __init__(
+        self, session: Session, folder: Path, save_name: str = "", size: int = SIZE
+    ) -> None:
+        from trame.app import get_server
+
+        self.session, self.drawing = session, Drawing(session, folder)
+        self.preview = Preview(session.original, first_setting(session.original), size)
+        self.server = get_server(f"spmm_edit_{id(self)}", client_type="vue3")
+        self.state = self.server.state
+        self.changed = asyncio.Event()
+        self._fill_state(save_name)
+        self._connect()
+        build_page(self)
+
+    def run(self, host: str, port: int, open_browser: bool) -> None:
+        """Serves the page until the process is stopped."""
+        self.server.start(
+            host=host,
+            port=port,
+            open_browser=open_browser,
+            show_connection_info=False,
+            timeout=0,
+        )
+
+    def say(self, text: str, wrong: bool = False) -> None:
+        """Shows a sentence under the title."""
+        self.state.message, self.state.wrong = text, wrong
+
+    @answered
+    def undo(self) -> None:
+        """The button."""
+        self.session.undo()
+
+    @answered
+    def redo(self) -> None:
+        """The button."""
+        self.session.redo()
+
+    @answered
+    def reset(self) -> None:
+        """The button."""
+        self.session.reset()
+
+    @answered
+    def add(self) -> None:
+        """The button beside the line for any edit."""
+        self.session.add(self.state.typed)
+        self.state.typed = ""
+
+    @answered
+    def save(self) -> None:
+        """The button."""
+        self.session.save(self.state.save_name)
+        self.say(f"saved as {self.state.save_name}")
+
+    @answered
+    def release(self) -> None:
+        """A slider was let go."""
+        self.session.release()
+
+    @answered
+    def choose_tool(self, tool: str) -> None:
+        """A button of the selection."""
+        self.state.tool = tool
+        self.drawing.choose(tool)
+
+    @answered
+    def press(self, x: float, y: float) -> None:
+        """The pointer went down on the texture."""
+        self.drawing.brush = float(self.state.brush)
+        self.drawing.press((x, y))
+
+    @answered
+    def drag(self, x: float, y: float) -> None:
+        """The pointer moves while it is down."""
+        self.drawing.drag((x, y))
+
+    @answered
+    def drop(self, x: float, y: float) -> None:
+        """The pointer went up."""
+        self.drawing.drop((x, y))
+
+    def show_session(self) -> None:
+        """Brings the page in step with the session."""
+        session, state = self.session, self.state
+        state.update(session.values)
+        state.update({"can_undo": session.can_undo, "can_redo": session.can_redo})
+        state.script = session.script.to_yaml() if session.script.steps else ""
+        where = "the whole texture" if session.mask is None else "the selection"
+        state.selected = f"Edits of {where}"
+        state.slice_image = png_uri(self.drawing.picture())
+
+    def _fill_state(self, save_name: str) -> None:
+        """Everything that the page names, before it is built."""
+        setting = self.preview.setting
+        name = self.session.original.name or self.session.run.name
+        (light_theta, light_phi), (view_theta, view_phi) = setting.light, setting.view
+        self.state.update(
+            {
+                "trame__title": f"{name} · spmm edit",
+                "title": f"{name}, {self.session.original.width} × {self.session.original.height}",
+                "save_name": save_name,
+                "typed": "",
+                "tool": self.drawing.tool,
+                "brush": self.drawing.brush,
+                "shape": setting.shape,
+                "repeat": setting.repeat,
+                "light_theta": light_theta,
+                "light_phi": light_phi,
+                "view_theta": view_theta,
+                "view_phi": view_phi,
+                "usable": self.session.usable(),
+                "original_image": jpeg_uri(self.preview.original),
+                "edited_image": jpeg_uri(self.preview.original),
+            }
+        )
+        self.say("")
+        self.show_session()
+
+    def _connect(self) -> None:
+        """What the page calls, and when."""
+        self.state.change(*(slider.name for slider in SLIDERS))(self._on_sliders)
+        self.state.change(*SETTINGS)(self._on_setting)
+        for name in ("press", "drag", "drop"):
+            self.server.trigger(name)(getattr(self, name))
+        self.server.controller.on_server_ready.add(self._start_worker)
+
+    def _start_worker(self, **_: Any) -> None:
+        self._worker = asyncio.get_running_loop().create_task(self._work())
+        self._worker.add_done_callback(lambda task: task.result())  # a bug is told, not swallowed
+        self.changed.set()
+
+    def _on_sliders(self, **_: Any) -> None:
+        """Sliders that do not stand where the session has them were moved by the user."""
+        for name, value in self.session.values.items():
+            if self.state[name] != value:
+                self._move(name, float(self.state[name]))
+
+    @answered
+    def _move(self, name: str, value: float) -> None:
+        self.session.move(name, value)
+
+    def _on_setting(self, **_: Any) -> None:
+        self.changed.set()
+
+    def _setting(self) -> Setting:
+        """Shape, light and view as the page has them."""
+        shape, repeat, *angles = (self.state[name] for name in SETTINGS)
+        light_theta, light_phi, view_theta, view_phi = map(float, angles)
+        return Setting(shape, float(repeat), (light_theta, light_phi), (view_theta, view_phi))
+
+    async def _work(self) -> None:
+        """Makes pictures of the newest state, over and over."""
+        finished = True
+        while True:
+            try:
+                await asyncio.wait_for(self.changed.wait(), None if finished else PAUSE)
+            except TimeoutError:
+                finished = await self._show(self._finish)
+            else:
+                self.changed.clear()
+                finished = await self._show(self._follow)
+
+    async def _show(self, pictures: Callable[[], dict[str, str]]) -> bool:
+        """Shows what `pictures` makes, in another thread; whether nothing is left to be done."""
+        try:
+            images = await asyncio.get_running_loop().run_in_executor(None, pictures)
+        except Stopped:
+            return False
+        except SPMMError as error:
+            images = {}
+            self.say(f"{error}", wrong=True)
+        with self.state:
+            self.state.update(images)
+        return pictures == self._finish
+
+    def _follow(self) -> dict[str, str]:
+        """The pictures that are not up to date, in time."""
+        setting, images = self._setting(), {}
+        with full_precision():
+            if setting != self.preview.setting:
+                self.preview.set(setting)
+                images["original_image"] = jpeg_uri(self.preview.original)
+            codes = self.preview.follow(self.session.model())
+        return images | {"edited_image": jpeg_uri(codes)}
+
+    def _finish(self) -> dict[str, str]:
+        """Both pictures as good as they come; given up as soon as something changes."""
+        model = self.session.model()
+        with full_precision():
+            codes = self.preview.finish(model, self.changed.is_set)
+        return {
+            "original_image": jpeg_uri(self.preview.original),
+            "edited_image": jpeg_uri(codes),
+        }

@@ -1,0 +1,87 @@
+"""Selecting on the texture: what the tools do between pressing the pointer and letting it go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ...edit.mask_options import ClusterMask, Mask
+from .brush import Point, painted, picture_mask, rectangle_between, texel_under
+from .preview import selection_codes
+from .session import Session
+
+TOOLS = ("all", "rectangle", "paint", "erase", "cluster")
+
+
+class Drawing:
+    """The selection of a session while it is drawn.
+
+    Args:
+        session: whose selection it is.
+        folder: where pictures of painted selections are kept until they are saved.
+
+    Attributes:
+        tool: one of TOOLS.
+        brush: its radius in texture widths.
+    """
+
+    def __init__(self, session: Session, folder: Path) -> None:
+        self.session, self.folder = session, folder
+        self.tool, self.brush = TOOLS[0], 0.08
+        self._start: Point | None = None
+        self._shown: Mask | None = None
+        self._paint: NDArray[np.float32] | None = None
+
+    def choose(self, tool: str) -> None:
+        """Takes another tool; `all` selects the whole texture at once."""
+        self.tool = tool
+        if tool == "all":
+            self.session.select(None)
+
+    def press(self, at: Point) -> None:
+        """The pointer went down."""
+        model = self.session.original
+        self._start = at
+        if self.tool == "cluster":
+            texel = texel_under(at, model.height, model.width)
+            self.session.select(ClusterMask((int(model.labels[texel]),)))
+        elif self.tool in ("paint", "erase"):
+            self._paint = self._shares(self.session.mask)
+        self.drag(at)
+
+    def drag(self, at: Point) -> None:
+        """The pointer moves while it is down."""
+        if self._start is None:
+            return
+        if self.tool == "rectangle":
+            size = (self.session.original.height, self.session.original.width)
+            self._shown = rectangle_between(self._start, at, *size)
+        elif self._paint is not None:
+            self._paint = painted(self._paint, at, self.brush, self.tool == "erase")
+
+    def drop(self, at: Point) -> None:
+        """The pointer went up: what was drawn is selected."""
+        self.drag(at)
+        if self._shown is not None:
+            self.session.select(self._shown)
+        elif self._paint is not None:
+            self.session.select(picture_mask(self._paint, self.folder))
+        self._start = self._shown = self._paint = None
+
+    def picture(self) -> NDArray[np.uint8]:
+        """The texture `[H, W, 3]` with what is drawn, or else selected, tinted."""
+        model, mask = self.session.original, self._shown or self.session.mask
+        if self._paint is not None:
+            return selection_codes(model, torch.from_numpy(self._paint).flatten())
+        return selection_codes(model, None if mask is None else mask.select(model).texels)
+
+    def _shares(self, mask: Mask | None) -> NDArray[np.float32]:
+        """The selection as a picture `[H, W]` to paint on; empty where all is selected."""
+        model = self.session.original
+        if mask is None:
+            return np.zeros((model.height, model.width), dtype=np.float32)
+        texels = mask.select(model).texels
+        return texels.view(model.height, model.width).cpu().numpy().astype(np.float32)

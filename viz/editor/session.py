@@ -1,0 +1,234 @@
+"""An editing session without a screen: layers of edits, undo and redo, the edited model, saving."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import torch
+import yaml
+
+from ...edit import Script
+from ...edit.mask_options import Mask
+from ...edit.script import Step
+from ...edited_run import save_edited_run
+from ...errors import ConfigError, SPMMError
+from ...model import SPMM
+from .sliders import BY_NAME, NEUTRAL, SLIDERS, steps_of
+
+# Models after the first edits of a script that are kept: a slider then costs its own edit only.
+KEPT_MODELS = 24
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Edits in one place: those of sliders, then those that were typed.
+
+    Attributes:
+        mask: where; None for everywhere.
+        values: of the sliders that are not neutral, by name.
+        typed: further steps, which have masks of their own.
+    """
+
+    mask: Mask | None = None
+    values: tuple[tuple[str, float], ...] = ()
+    typed: tuple[Step, ...] = ()
+
+    @property
+    def steps(self) -> tuple[Step, ...]:
+        """Its part of the script."""
+        return steps_of(dict(self.values), self.mask) + self.typed
+
+    def with_value(self, name: str, value: float) -> Layer:
+        """The layer with one slider moved."""
+        values = dict(self.values) | {name: value}
+        kept = ((key, values[key]) for key in NEUTRAL if key in values)
+        return replace(self, values=tuple(row for row in kept if row[1] != NEUTRAL[row[0]]))
+
+
+Layers = tuple[Layer, ...]
+
+
+@dataclass
+class Session:
+    """The state of an editor; every change of it can be undone.
+
+    Args:
+        run: folder or model file that is edited.
+        original: its model.
+        layers: edits; the last layer is the one that sliders change.
+    """
+
+    run: Path
+    original: SPMM
+    layers: Layers = (Layer(),)
+    _undo: list[Layers] = field(default_factory=list)
+    _redo: list[Layers] = field(default_factory=list)
+    _dragged: str | None = None
+    _models: OrderedDict[tuple[Step, ...], SPMM] = field(default_factory=OrderedDict)
+
+    @classmethod
+    def open(cls, run: Path | str, device: torch.device | str = "cpu") -> Session:
+        """A session on a run.
+
+        Raises:
+            OutputError: it cannot be read.
+        """
+        model = SPMM.load(run, device)
+        return cls(Path(run), model.requires_grad_(False))
+
+    @property
+    def script(self) -> Script:
+        """All edits."""
+        return Script(tuple(step for layer in self.layers for step in layer.steps))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Where all sliders stand."""
+        return NEUTRAL | dict(self.layers[-1].values)
+
+    @property
+    def mask(self) -> Mask | None:
+        """The selection."""
+        return self.layers[-1].mask
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is something to undo."""
+        return bool(self._undo)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is something to redo."""
+        return bool(self._redo)
+
+    def move(self, name: str, value: float) -> None:
+        """Moves a slider; until `release`, moves of the same one are undone together.
+
+        Raises:
+            ConfigError: no such slider, or out of its range.
+        """
+        slider = BY_NAME.get(name)
+        if slider is None:
+            raise ConfigError(f"unknown slider {name}; expected one of {', '.join(BY_NAME)}.")
+        if not slider.low <= value <= slider.high:
+            raise ConfigError(
+                f"{name} is {value}; expected a value from {slider.low:g} to {slider.high:g}."
+            )
+        layers = (*self.layers[:-1], self.layers[-1].with_value(name, float(value)))
+        if layers == self.layers:
+            return
+        if self._dragged == name:
+            self.layers = layers
+        else:
+            self._set(layers)
+            self._dragged = name
+
+    def release(self) -> None:
+        """Ends a drag: the next move is undone by itself."""
+        self._dragged = None
+
+    def select(self, mask: Mask | None) -> None:
+        """Selects where sliders act from now on; edits that were made stay where they are."""
+        top = self.layers[-1]
+        if mask == top.mask:
+            return
+        kept = self.layers if top.steps else self.layers[:-1]
+        self._set((*kept, Layer(mask)))
+
+    def add(self, text: str) -> None:
+        """Adds an edit as scripts write it, `replace_model: {name: ward}`, in the selection.
+
+        Raises:
+            ConfigError: not a valid edit.
+            SPMMError: the edit cannot be done.
+        """
+        steps = tuple(
+            step if step.mask is not None else replace(step, mask=self.mask)
+            for step in Script.parse(_items(text)).steps
+        )
+        top = self.layers[-1]
+        layers = (*self.layers[:-1], replace(top, typed=top.typed + steps), Layer(self.mask))
+        Script(tuple(step for layer in layers for step in layer.steps)).apply(self.original)
+        self._set(layers)
+
+    def undo(self) -> None:
+        """Takes the last change back, if there is one."""
+        self._turn_back(self._undo, self._redo)
+
+    def redo(self) -> None:
+        """Makes the last change again that was taken back, if there is one."""
+        self._turn_back(self._redo, self._undo)
+
+    def reset(self) -> None:
+        """Takes all edits away, which can be undone as well."""
+        if self.layers != (Layer(),):
+            self._set((Layer(),))
+
+    def model(self) -> SPMM:
+        """The edited model; edits before the one that changed are not done again.
+
+        Raises:
+            SPMMError: an edit cannot be done.
+        """
+        steps = self.script.steps
+        known = next(n for n in range(len(steps), -1, -1) if n == 0 or steps[:n] in self._models)
+        model = self._models[steps[:known]] if known else self.original
+        for count in range(known, len(steps)):
+            model = steps[count].apply(model)
+            self._models[steps[: count + 1]] = model
+        while len(self._models) > KEPT_MODELS:
+            self._models.popitem(last=False)
+        return model
+
+    def save(self, output: Path | str) -> None:
+        """Saves the edited model as a run of its own, with the script that makes it.
+
+        Raises:
+            SPMMError: an edit cannot be done, or the folder exists or cannot be written.
+        """
+        if not str(output).strip():
+            raise ConfigError("no name to save as; expected a new folder such as RUN2; give one.")
+        save_edited_run(self.run, self.original, self.model(), self.script, output)
+
+    def usable(self) -> dict[str, bool]:
+        """Whether each slider has lobes that it can change."""
+        return {slider.name: self._has_group(slider.group) for slider in SLIDERS}
+
+    def _has_group(self, group: str | None) -> bool:
+        if group is None:
+            return True
+        name = next(slider.name for slider in SLIDERS if slider.group == group)
+        try:
+            steps_of({name: 2.0}, None)[0].apply(self.original)
+        except SPMMError:
+            return False
+        return True
+
+    def _set(self, layers: Layers) -> None:
+        """A change that can be undone."""
+        self._undo.append(self.layers)
+        self._redo.clear()
+        self.layers = layers
+        self._dragged = None
+
+    def _turn_back(self, source: list[Layers], target: list[Layers]) -> None:
+        if source:
+            target.append(self.layers)
+            self.layers = source.pop()
+        self._dragged = None
+
+
+def _items(text: str) -> list[object]:
+    """The list of edits in a text of one or more of them.
+
+    Raises:
+        ConfigError: no YAML.
+    """
+    try:
+        items = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"the edit is not valid YAML: {reason}; mend it.") from error
+    return items if isinstance(items, list) else [items]

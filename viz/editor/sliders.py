@@ -1,0 +1,89 @@
+"""The sliders of the editor: what each stands for, and the edits that their values make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ...edit import Step
+from ...edit.edit_options import (
+    Edit,
+    HueSaturation,
+    Intensity,
+    ResidualStrength,
+    RotateTangent,
+    ScaleWidth,
+    SpreadNormals,
+)
+from ...edit.mask_options import Mask
+
+SPECULAR, NON_SPECULAR = "specular", "non_specular"
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One slider.
+
+    Attributes:
+        name: its key.
+        title: what stands beside it.
+        low, high, step: its range.
+        neutral: where it changes nothing.
+        unit: after its value.
+        group: the lobes that it needs, if not any.
+    """
+
+    name: str
+    title: str
+    low: float
+    high: float
+    step: float
+    neutral: float
+    unit: str = ""
+    group: str | None = None
+
+
+SLIDERS: tuple[Slider, ...] = (
+    Slider("intensity", "Intensity", 0.0, 3.0, 0.01, 1.0, "×"),
+    Slider("hue", "Hue", -180.0, 180.0, 1.0, 0.0, "°"),
+    Slider("saturation", "Saturation", 0.0, 2.0, 0.01, 1.0, "×"),
+    Slider("specular", "Specular intensity", 0.0, 6.0, 0.01, 1.0, "×", SPECULAR),
+    Slider("specular_hue", "Specular hue", -180.0, 180.0, 1.0, 0.0, "°", SPECULAR),
+    Slider("diffuse", "Non-specular intensity", 0.0, 3.0, 0.01, 1.0, "×", NON_SPECULAR),
+    Slider("width", "Lobe width", 0.1, 2.0, 0.01, 1.0, "×", SPECULAR),
+    Slider("normals", "Spread of normals", 0.0, 3.0, 0.01, 1.0, "×"),
+    Slider("tangent", "Turn of anisotropy", -90.0, 90.0, 1.0, 0.0, "°"),
+    Slider("residual", "Residual", 0.0, 2.0, 0.01, 1.0, "×"),
+)
+BY_NAME = {slider.name: slider for slider in SLIDERS}
+NEUTRAL: dict[str, float] = {slider.name: slider.neutral for slider in SLIDERS}
+
+
+def edits_of(values: Mapping[str, float]) -> list[Edit]:
+    """The edits that sliders stand for, in a fixed order; those that change nothing are left out.
+
+    Args:
+        values: of sliders by name; those that are not there are neutral.
+    """
+    pairs = zip(_all_edits(NEUTRAL | dict(values)), _all_edits(NEUTRAL), strict=True)
+    return [edit for edit, unchanged in pairs if edit != unchanged]
+
+
+def _all_edits(values: Mapping[str, float]) -> tuple[Edit, ...]:
+    """Lobes are changed before weights: sliders that are moved most then cost least."""
+    return (
+        SpreadNormals(values["normals"]),
+        RotateTangent(values["tangent"]),
+        ScaleWidth(values["width"]),
+        ResidualStrength(values["residual"]),
+        Intensity(values["intensity"]),
+        Intensity(values["specular"], group=SPECULAR),
+        Intensity(values["diffuse"], group=NON_SPECULAR),
+        HueSaturation(values["hue"], values["saturation"]),
+        HueSaturation(values["specular_hue"], group=SPECULAR),
+    )
+
+
+def steps_of(values: Mapping[str, float], mask: Mask | None) -> tuple[Step, ...]:
+    """The steps of a script that sliders stand for, all under one mask."""
+    return tuple(Step(edit, mask) for edit in edits_of(values))

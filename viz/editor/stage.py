@@ -1,0 +1,154 @@
+"""What the editor's picture is taken of: a shape, a camera and a light, traced once.
+
+Each pixel has one hit, in its middle. While an edit is dragged it takes the nearest texel, which
+touches a quarter of the entries that bilinear interpolation does. Edges of the shape are smoothed
+by their coverage.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import max_pool2d
+
+from ...errors import ConfigError
+from ...geometry import texel_at
+from ...model import SPMM
+from ...render.camera import Camera
+from ...render.lights import DirectionalLight
+from ...render.shapes import Plane, Sphere, Texture
+from ..slice_picture import direction
+from .drape import Drape
+from .lobe_cache import LobeCache, never
+from .residual_cache import ResidualCache
+
+SHAPES = {"sphere": Sphere, "cloth": Drape, "plane": Plane}
+# Texels across a shape at first, and copies of the texture at most.
+SHOWN_TEXELS, MAX_REPEAT = 130, 8
+# Half of what the camera sees: the shapes with a margin.
+HALF_WIDTH = 1.1
+# Rays along each side of a pixel that find how much of it the shape covers.
+COVERAGE = 3
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What the user chooses; angles in degrees, theta from the direction of a camera in front.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    shape: str = "sphere"
+    repeat: float = 1.0
+    light: tuple[float, float] = (30.0, 120.0)
+    view: tuple[float, float] = (25.0, -70.0)
+
+    def __post_init__(self) -> None:
+        if self.shape not in SHAPES:
+            raise ConfigError(f"shape is {self.shape!r}; expected one of {', '.join(SHAPES)}.")
+        if not 0.0 < self.repeat < math.inf:
+            raise ConfigError(f"repeat is {self.repeat}; expected a positive number.")
+        for name in ("light", "view"):
+            theta, phi = getattr(self, name)
+            if not (0.0 <= theta <= 180.0 and math.isfinite(phi)):
+                raise ConfigError(f"{name} is {theta}, {phi}; expected theta from 0 to 180.")
+
+
+def first_setting(model: SPMM) -> Setting:
+    """A sphere with so many copies of the texture that texels are about as large as pixels."""
+    return Setting(repeat=float(min(max(1, round(SHOWN_TEXELS / model.width)), MAX_REPEAT)))
+
+
+class Stage:
+    """All that stays the same while a model is edited.
+
+    Args:
+        model: gives size, measured directions and device.
+        setting: shape, light and view.
+        size: pixels along each side.
+        smooth: whether texels are interpolated bilinearly; the nearest counts otherwise.
+    """
+
+    @torch.no_grad()
+    def __init__(self, model: SPMM, setting: Setting, size: int, smooth: bool = False) -> None:
+        self.size = size
+        like = model.weight.detach()
+        shape = SHAPES[setting.shape](Texture(setting.repeat, model.width / model.height))
+        camera = Camera.orthographic(*_radians(setting.view), HALF_WIDTH)
+        rays = camera.rays(pixel_middles(size, like))
+        distance = shape.distance(rays)
+        met = torch.nonzero(torch.isfinite(distance)).squeeze(-1)
+        position = rays.origin[met] + distance[met, None] * rays.direction[met]
+        frame, uv = shape.surface(position)
+        light = DirectionalLight.build(direction(_radians(setting.light), like).tolist())
+        towards = light.direction.to(like)
+        wi = frame @ towards  # [N, 3]
+        wo = -(frame @ rays.direction[met, :, None]).squeeze(-1)
+        lit = torch.nonzero((wi[:, 2] > 0.0) & (wo[:, 2] > 0.0)).squeeze(-1)
+        self.pixel = met[lit]  # [P]
+        middles = torch.isfinite(distance).view(size, size)
+        self.coverage = coverage(shape, camera, middles).to(like)
+        texel, share = texel_at(uv[lit], model.height, model.width)  # [P, 4]
+        if not smooth:
+            texel = nearest_texels(uv[lit], model.height, model.width)[:, None]
+            share = torch.ones_like(share[:, :1])
+        self.lobes = LobeCache(texel, share, wi[lit], wo[lit])
+        self.residual = ResidualCache(texel, share, wi[lit], wo[lit])
+
+    def stale(self, model: SPMM) -> int:
+        """How many lobes a picture of `model` would have to evaluate."""
+        return self.lobes.stale(model)
+
+    @torch.no_grad()
+    def picture(self, model: SPMM, stop: Callable[[], bool] = never) -> Tensor:
+        """Linear radiance `[size, size, C]` under a light of irradiance 1; black beside.
+
+        Raises:
+            Stopped: `stop` said so.
+        """
+        value = (self.lobes.values(model, stop) + self.residual.values(model)).clamp(min=0.0)
+        flat = value.new_zeros(self.size**2, value.shape[1])
+        return flat.index_copy(0, self.pixel, value).view(self.size, self.size, -1)
+
+
+def pixel_middles(size: int, like: Tensor) -> Tensor:
+    """The middles `[size * size, 2]` of pixels, rightwards and up, row 0 at the top."""
+    step = (torch.arange(size, dtype=like.dtype, device=like.device) + 0.5) / size
+    y, x = torch.meshgrid(1.0 - step, step, indexing="ij")
+    return torch.stack((x, y), dim=-1).flatten(0, 1)
+
+
+def coverage(shape: Sphere | Plane | Drape, camera: Camera, met: Tensor) -> Tensor:
+    """The part of each pixel that the shape covers, `[size, size]`.
+
+    Args:
+        shape, camera: what is seen.
+        met: whether the middle of each pixel shows the shape, `[size, size]`. Where it does not,
+            the pixel shows nothing; where those of all neighbours do, it is covered.
+    """
+    size = len(met)
+    covered = met.to(camera.axes.dtype)
+    whole = -max_pool2d(-covered[None], 3, stride=1, padding=1)[0]
+    row, column = torch.nonzero((covered > 0.0) & (whole == 0.0), as_tuple=True)
+    inner = pixel_middles(COVERAGE, covered)  # [s, 2]
+    corner = torch.stack((column, size - 1 - row), dim=-1)[:, None]
+    rays = camera.rays(((corner + inner) / size).flatten(0, 1))
+    hit = torch.isfinite(shape.distance(rays)).view(-1, len(inner))
+    covered[row, column] = hit.to(covered).mean(1)
+    return covered
+
+
+def nearest_texels(uv: Tensor, height: int, width: int) -> Tensor:
+    """The texel `[P]` that uv `[P, 2]` lies in; textures repeat."""
+    column = torch.floor(uv[:, 0] * width).long() % width
+    row = torch.floor((1.0 - uv[:, 1]) * height).long() % height
+    return row * width + column
+
+
+def _radians(degrees: tuple[float, float]) -> tuple[float, float]:
+    return math.radians(degrees[0]), math.radians(degrees[1])

@@ -1,0 +1,74 @@
+"""What was measured of a texel, to stand beside its model."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from ..config import FitConfig
+from ..data import BTF, Selection, load_btf
+from ..errors import DataError
+from ..model import SPMM
+from ..report.contract import FILE_NAME as REPORT
+from ..run_folder import CONFIG
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured of a texel under one view.
+
+    Attributes:
+        wo: the view `[3]`.
+        wi: lights `[L, 3]`.
+        value: linear RGB `[L, C]`.
+    """
+
+    wo: Tensor
+    wi: Tensor
+    value: Tensor
+
+
+def measured_samples(btf: BTF, model: SPMM, texel: int, wo: Tensor) -> Measured:
+    """The samples of a texel under the measured view nearest to wo `[3]`; decodes only these.
+
+    Raises:
+        DataError: the BTF has another size than the model.
+    """
+    if (btf.height, btf.width) != (model.height, model.width):
+        raise DataError(
+            f"{btf.path} has {btf.width} x {btf.height} texels and the model {model.width} x "
+            f"{model.height}; expected the BTF of the model; give another --against."
+        )
+    view = int(torch.argmax(btf.view @ wo.to(btf.view)))
+    part = btf.restricted(torch.tensor([texel]), (1, 1), views=torch.tensor([view]))
+    return Measured(btf.view[view], btf.light, part.texels()[0])
+
+
+def measured_input(run: Path, against: str | None) -> BTF | None:
+    """The BTF that a run was fitted to, or the one given; None where the run's own is away.
+
+    It is read as the run did: with the same gamma, cosine and crop.
+
+    Raises:
+        DataError: the BTF cannot be read.
+    """
+    config_file, report_file = run / CONFIG, run / REPORT
+    config = FitConfig.from_yaml(config_file) if config_file.is_file() else FitConfig()
+    if against is None:
+        if not report_file.is_file():
+            return None
+        against = json.loads(report_file.read_text(encoding="utf-8")).get("input")
+        if not against or not Path(against).exists():
+            return None
+    data = config.data
+    return load_btf(
+        against,
+        gamma=data.gamma,
+        cosine=data.cosine,
+        selection=Selection(data.crop, data.texels, data.directions),
+        seed=config.seed,
+    )

@@ -1,0 +1,101 @@
+"""What the viewers need from the machine; asked before VTK is started, which would crash."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from importlib.util import find_spec
+
+from ..errors import ConfigError
+
+EXTRA = "pip install 'spmm_torch[viz]'"
+# Names to VTK the class that draws; without it VTK first tries, and complains of, a screen.
+WINDOW_CLASS = "VTK_DEFAULT_OPENGL_WINDOW"
+# Any one of these draws without a screen.
+EGL, OSMESA = "libEGL.so.1", ("libOSMesa.so.8", "libOSMesa.so.6")
+# Of the C interface of EGL: how a display is asked for, and the types of two of its functions.
+PLATFORM_DEVICE, MAX_DEVICES = 0x313F, 16
+QUERY_DEVICES = ctypes.CFUNCTYPE(
+    ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_void_p), ctypes.POINTER(ctypes.c_int)
+)
+PLATFORM_DISPLAY = ctypes.CFUNCTYPE(
+    ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p
+)
+
+
+def require_packages(command: str, *names: str) -> None:
+    """Checks that the packages of the extra `viz` are there.
+
+    Raises:
+        ConfigError: one is not.
+    """
+    missing = [name for name in names if find_spec(name) is None]
+    if missing:
+        raise ConfigError(
+            f"{command} needs {missing[0]}, which is not installed; get it by {EXTRA}."
+        )
+
+
+def use_offscreen(command: str) -> None:
+    """Has VTK draw without a screen, by EGL or else by OSMesa, in all that this process draws.
+
+    Raises:
+        ConfigError: neither of them works here.
+    """
+    if sys.platform != "linux":
+        return
+    if egl_works():
+        os.environ[WINDOW_CLASS] = "vtkEGLRenderWindow"
+    elif any(map(can_load, OSMESA)):
+        os.environ[WINDOW_CLASS] = "vtkOSOpenGLRenderWindow"
+    else:
+        raise ConfigError(
+            f"{command} cannot draw: neither EGL nor OSMesa works on this machine; expected one "
+            f"of them; install the Debian package libegl1, or libosmesa6."
+        )
+
+
+def require_window(command: str) -> None:
+    """Checks that a window can be opened.
+
+    Raises:
+        ConfigError: there is no display.
+    """
+    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+        raise ConfigError(
+            f"{command} finds no display (DISPLAY is not set); expected one for a window; give "
+            f"--save PICTURE.png or --html FILE.html instead."
+        )
+
+
+def can_load(library: str) -> bool:
+    """Whether the dynamic loader finds a library."""
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def egl_works() -> bool:
+    """Whether EGL is there and one of its devices answers: VTK aborts the process where none does.
+
+    Asks as VTK does, through EGL_EXT_device_base and EGL_EXT_platform_device.
+    """
+    if not can_load(EGL):
+        return False
+    egl = ctypes.CDLL(EGL)
+    egl.eglGetProcAddress.restype = ctypes.c_void_p
+    egl.eglGetProcAddress.argtypes = [ctypes.c_char_p]
+    egl.eglInitialize.argtypes = [ctypes.c_void_p] * 3
+    query = egl.eglGetProcAddress(b"eglQueryDevicesEXT")
+    display_of = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
+    if not query or not display_of:
+        return False
+    devices, count = (ctypes.c_void_p * MAX_DEVICES)(), ctypes.c_int()
+    QUERY_DEVICES(query)(MAX_DEVICES, devices, ctypes.byref(count))
+    displays = [
+        PLATFORM_DISPLAY(display_of)(PLATFORM_DEVICE, devices[i], None) for i in range(count.value)
+    ]
+    return any(display and egl.eglInitialize(display, None, None) for display in displays)
