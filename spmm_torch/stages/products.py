@@ -48,10 +48,8 @@ def cluster_products(
         signals = _signals(load, part)
         correlation[part] = (signals @ atoms.T).transpose(1, 2).to(correlation.device)
         energy[part] = _inner(signals, signals)
-        if weight is None:
-            total += signals.sum(0)
-        else:
-            total += torch.einsum("n,ncd->cd", weight[part], signals.double())
+        share = torch.ones(len(signals)).to(signals) if weight is None else weight[part].to(signals)
+        total += torch.einsum("n,ncd->cd", share, signals)
     count, effective = _sizes(texels, weight, ranks)
     mean = (ranks.sum(total) / count).to(atoms.dtype)  # [C, D]
     overlap = torch.zeros_like(energy)
