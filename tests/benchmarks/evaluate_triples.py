@@ -1,0 +1,92 @@
+"""A model at a million (uv, wi, wo), against the least that this takes.
+
+`python -m tests.benchmarks.evaluate_triples [--threads 2] [--count 1000000]`
+
+The least: a bare gather of the weights of the four texels around every query, plus the values of
+all their lobes by a kernel that torch.compile fuses for each BRDF (which needs a C++ compiler), on
+arrays that lie ready. The model has 256 x 256 texels of 8 lobes each.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from spmm_torch import SPMM
+from spmm_torch.geometry import direction_from_angles, texel_at
+from spmm_torch.lobe import CPU_BLOCK, LobeBatch, eval_model
+from tests.benchmarks.render_sphere import CLUSTER_LOBES, CLUSTERS, LOBES, TEXELS, best_time
+from tests.render.planted import planted_model
+
+# Directions to which a lobe is applied at once in the fused kernels.
+ROW = 128
+
+
+def queries(count: int) -> tuple[Tensor, Tensor, Tensor]:
+    """Random uv `[count, 2]`, wi and wo `[count, 3]`, all above the horizon."""
+    generator = torch.Generator().manual_seed(0)
+    uv = torch.rand(count, 2, generator=generator)
+    angles = torch.rand(2, 2, count, generator=generator)
+    wi, wo = (direction_from_angles(1.5 * theta, 6.28 * phi) for theta, phi in angles)
+    return uv, wi, wo
+
+
+def gather(model: SPMM, uv: Tensor) -> Tensor:
+    """The weights `[count, 4 LOBES, C]` of the four texels around every uv."""
+    texel, _ = texel_at(uv, model.height, model.width)
+    entry = model.offset[texel][..., None] + torch.arange(LOBES)  # [count, 4, LOBES]
+    return model.weight.index_select(0, entry.flatten())
+
+
+def fused_values(lobes: LobeBatch, wi: Tensor, wo: Tensor, values: int) -> Callable[[], None]:
+    """What evaluates `values` values of lobes, evenly spread over their models."""
+    kernels = []
+    for index in torch.unique(lobes.model).tolist():
+        rows = torch.nonzero(lobes.model == index).squeeze(-1)
+        rows = rows.repeat(-(-CPU_BLOCK // ROW // len(rows)))[: CPU_BLOCK // ROW]
+        part = lobes[rows]
+        at = torch.arange(CPU_BLOCK) % len(wi)
+        directions = [w[at].view(-1, ROW, 3).movedim(-1, 0).contiguous() for w in (wi, wo)]
+        kernel = torch.compile(functools.partial(eval_model, index), dynamic=False)
+        local = [w.movedim(0, -1) for w in directions]
+        kernels.append(functools.partial(kernel, part.kappa, part.normal, part.angle, *local))
+
+    def work() -> None:
+        for number in range(-(-values // CPU_BLOCK)):
+            kernels[number % len(kernels)]()
+
+    return work
+
+
+@torch.no_grad()
+def main() -> None:
+    """Prints seconds and their ratio."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--count", type=int, default=1_000_000)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    torch.set_num_threads(options.threads)
+    model = planted_model(TEXELS, LOBES, CLUSTERS, CLUSTER_LOBES)
+    uv, wi, wo = queries(options.count)
+    values = fused_values(model.dictionary.detach(), wi, wo, 4 * LOBES * options.count)
+    work = {
+        "model": lambda: model(uv, wi, wo, residual=False),
+        "with residual": lambda: model(uv, wi, wo),
+        "gather": lambda: gather(model, uv),
+        "fused lobes": values,
+    }
+    seconds = {part: best_time(call, "cpu", options.repeats) for part, call in work.items()}
+    for part, value in seconds.items():
+        print(f"{part:14} {value:8.3f} s")
+    least = seconds["gather"] + seconds["fused lobes"]
+    print(f"{'ratio':14} {seconds['model'] / least:8.2f}   with residual", end="")
+    print(f" {seconds['with residual'] / least:.2f}")
+
+
+if __name__ == "__main__":
+    main()
