@@ -14,6 +14,8 @@ is not finite is null, a part that was not asked for is missing:
     peers: rows [peer, name, group (whole, search, selection), texels (measured on), seconds (a
         TIME, from decoded values), snr_db, bytes (null: of a part), mean_basis_per_texel, note],
         skipped [peer, reason].
+    weightings: rows [FIT + error (l2, cube-root, log), mssim {y, cr, cb, mean}, flip (null without
+        the extra `eval`)].
     scaling: rows [varies (texels, directions), texels, direction_pairs, device, threads, seconds
         {stage}, snr_db, total_basis], exponents [varies, device, threads, power {stage}].
     limits: machine {flops_per_second, bytes_per_second, product, copy (TIMEs)}, bare_decoding (a

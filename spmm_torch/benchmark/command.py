@@ -17,7 +17,7 @@ from ..device import resolve_device
 from ..errors import ConfigError, SPMMError
 from ..fit import STOPPED
 from ..progress import Progress
-from . import limits, peers, scaling, sweep
+from . import limits, peers, scaling, sweep, weightings
 from .environment import environment
 from .fits import on_device, plain_fit, timed_fit
 from .page import write_page
@@ -27,6 +27,7 @@ from .variants import DEFAULT, shipped
 PARTS: dict[str, ModuleType] = {
     "sweep": sweep,
     "peers": peers,
+    "weightings": weightings,
     "scaling": scaling,
     "limits": limits,
 }

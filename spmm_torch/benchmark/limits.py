@@ -18,6 +18,7 @@ from ..data.options import DEFAULT_OPTIONS
 from ..data.picture_set import PictureSet, accepts
 from ..data.pictures import open_archive
 from ..fit import FitResult, Resources
+from ..memory import slices
 from ..stages.cluster import OVERSAMPLING
 from .counting import CountingStopwatch, Work
 from .fits import TimedFit, on_device, plain_fit
@@ -119,15 +120,17 @@ def bare_decoding(bench: Bench) -> Timing | None:
     if not accepts(bench.source) or not bench.open().part.is_whole:
         return None
     pictures = PictureSet.scan(bench.source, DEFAULT_OPTIONS)
+    files = pictures.grid.files
 
     def work() -> None:
         with open_archive(bench.source) as archive:
 
-            def decode(name: str) -> None:
-                pictures.codec.decode(*archive.read([name]))
+            def decode(part: slice) -> None:
+                for payload in archive.read(files[part]):
+                    pictures.codec.decode(payload)
 
             with ThreadPoolExecutor(DEFAULT_OPTIONS.thread_count) as pool:
-                for _ in pool.map(decode, pictures.grid.files):
+                for _ in pool.map(decode, slices(len(files), len(pictures.grid.light))):
                     pass  # raises what a thread raised
 
     return measure(work, bench.scope.protocol, torch.device("cpu"))[1]

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from spmm_torch.benchmark import weightings
 from spmm_torch.benchmark.command import PARTS, chosen_parts, chosen_scope, finite, headlines
 from spmm_torch.benchmark.limits import STAGES
 from spmm_torch.benchmark.peers import PEERS
@@ -85,6 +86,7 @@ def test_a_small_benchmark_makes_sense(tmp_path: Path) -> None:
     results = json.loads((folder / "benchmark.json").read_text(encoding="utf-8"))
     check_parts(results)
     check_peers(results["peers"])
+    check_weightings(results)
     check_monotone(results)
     check_fronts(results["sweep"]["rows"])
     check_page((folder / "benchmark.html").read_text(encoding="utf-8"), results)
@@ -107,6 +109,16 @@ def check_peers(part: Results) -> None:
     assert {row["peer"] for row in part["rows"]} == {peer.name for peer in PEERS}
     assert {row["group"] for row in part["rows"]} == {WHOLE, SEARCH, SELECTION}
     assert all(row["seconds"]["median"] > 0.0 for row in part["rows"])
+
+
+def check_weightings(results: Results) -> None:
+    """Each weighting is judged by its own pictures."""
+    rows = results["weightings"]["rows"]
+    assert [row["error"] for row in rows] == list(weightings.KINDS)
+    assert rows[0]["snr_db"] == results["default"]["snr_db"]
+    assert all(0.0 < row["mssim"]["mean"] <= 1.0 for row in rows)
+    assert all(row["flip"] is not None and 0.0 <= row["flip"] <= 1.0 for row in rows)
+    assert len({row["mssim"]["mean"] for row in rows}) == len(rows)
 
 
 def check_monotone(results: Results) -> None:

@@ -11,7 +11,10 @@ from spmm_torch.benchmark import limits
 from spmm_torch.benchmark.counting import Work
 from spmm_torch.benchmark.fits import TimedFit
 from spmm_torch.benchmark.limits import STAGES, least_work, seconds_of
+from spmm_torch.benchmark.protocol import Protocol
 from spmm_torch.benchmark.scope import Bench
+from spmm_torch.data import sample_path
+from spmm_torch.data.codecs import pillow
 
 MACHINE = {"flops_per_second": 100.0, "bytes_per_second": 10.0}
 
@@ -47,3 +50,13 @@ def test_the_speed_of_a_gpu(bench: Bench) -> None:
     speed = limits.machine_speed(replace(bench, device=torch.device("cuda")))
     assert speed["flops_per_second"] > 0.0
     assert speed["bytes_per_second"] > 0.0
+
+
+def test_bare_decoding_reads_every_picture(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    decoded: list[int] = []
+    decode = pillow.decode
+    monkeypatch.setattr(pillow, "decode", lambda data: decoded.append(1) or decode(data))
+    scope = replace(bench.scope, protocol=Protocol(1, 0.0))
+    timing = limits.bare_decoding(replace(bench, source=sample_path(), scope=scope))
+    assert timing is not None and timing.median > 0.0
+    assert len(decoded) == 2 * 81 * 81  # warm-up and one run

@@ -14,10 +14,12 @@ from .limits import limits_section
 from .peers import peers_section
 from .scaling import scaling_section
 from .sweep import sweep_section
+from .weightings import weightings_section
 
 SECTIONS = {
     "sweep": sweep_section,
     "peers": peers_section,
+    "weightings": weightings_section,
     "scaling": scaling_section,
     "limits": limits_section,
 }

@@ -69,7 +69,7 @@ def trained(problem: Problem, seconds: float) -> tuple[NeuralBTF, int]:
     values, device = problem.values, problem.device
     features = direction_features(problem.btf.light, problem.btf.view).to(device)
     texels, pairs, channels = values.shape
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]):  # layers draw from the global generator
         torch.manual_seed(0)
         scale = float(values.square().mean().sqrt())
         model = NeuralBTF(texels, features, channels, scale).to(device)
