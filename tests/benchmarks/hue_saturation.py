@@ -31,7 +31,6 @@ from spmm_torch.render import (
     encode_display,
     render,
 )
-from spmm_torch.render.lights import Light
 
 # Turns in degrees and factors on the saturation, with the three changes of Fig. 4.
 TURNS = (-150.0, -110.0, -75.0, -45.0, -15.0, 15.0, 45.0, 75.0, 116.0, 180.0)
@@ -52,7 +51,7 @@ class Row:
     linear: dict[str, float]
 
 
-def lights_of(name: str) -> tuple[Light, ...]:
+def lights_of(name: str) -> tuple[DirectionalLight | EnvironmentLight, ...]:
     """Two lights, one from the side, or light from all around."""
     if name == "studio":
         return (EnvironmentLight.studio(),)
