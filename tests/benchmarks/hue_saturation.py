@@ -21,6 +21,7 @@ from spmm_torch.edit import change_colours, hue_saturation
 from spmm_torch.edit.recolour import FITS
 from spmm_torch.render import (
     Camera,
+    CosineSampled,
     DirectionalLight,
     EnvironmentLight,
     RenderSettings,
@@ -75,8 +76,8 @@ def difference(first: Tensor, second: Tensor) -> float:
 
 @torch.no_grad()
 def compare(model: SPMM, settings: RenderSettings, scene: Scene) -> list[Row]:
-    """A row for each change."""
-    original = render(model, scene, settings)
+    """A row for each change; all pictures by the same directions, so that noise is the same."""
+    original = render(CosineSampled(model), scene, settings)
     covered = original.coverage > 0.0
     before = original.picture[covered].clamp(min=0.0)  # [N, 3]
     rows = []
@@ -86,7 +87,7 @@ def compare(model: SPMM, settings: RenderSettings, scene: Scene) -> list[Row]:
         found = {"best": before @ best_matrix(before, exact).T}
         for fit in FITS:
             edited = hue_saturation(model, hue, saturation, fit=fit)
-            found[fit] = render(edited, scene, settings).picture[covered]
+            found[fit] = render(CosineSampled(edited), scene, settings).picture[covered]
         found = {name: part.clamp(min=0.0) for name, part in found.items()}  # as displayed
         exposure = auto_exposure([exact], [torch.ones(len(exact))])
         shown = lab(exact, exposure)
