@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from ..lobe import LobeBatch
-from ..lobe_sampling import LobeTable, lobe_intensity
 from ..model import SPMM, SparseWeights
-from .parts import entry_texels, from_entries, with_parts
+from .energy import energy_factors
+from .parts import from_entries, scaled_entries, with_parts
 from .selection import Selection
-
-# Directions that average a lobe: as they are the same before and after, errors mostly cancel.
-ENERGY_SAMPLES = 256
 
 
 def with_lobes(
@@ -45,15 +41,9 @@ def with_lobes(
     share = where.entries * changed[model.index]  # [N]
     if not bool((share > 0.0).any()):
         return model
-    kept, taken = (torch.nonzero(part).squeeze(-1) for part in (share < 1.0, share > 0.0))
-    texel, index, weight = entry_texels(model), model.index, model.weight
-    scale = share if factor is None else share * factor[index]
-    entries = (
-        torch.cat((texel[kept], texel[taken])),
-        torch.cat((index[kept], index[taken] + len(before))),
-        torch.cat((weight[kept] * (1.0 - share)[kept, None], weight[taken] * scale[taken, None])),
-    )
-    return from_entries(model, LobeBatch.cat((before, lobes)), entries)
+    scale = share if factor is None else share * factor[model.index]
+    parts = (scaled_entries(model, 1.0 - share), scaled_entries(model, scale, len(before)))
+    return from_entries(model, LobeBatch.cat((before, lobes)), parts)
 
 
 def differing(before: LobeBatch, after: LobeBatch) -> Tensor:
@@ -63,18 +53,3 @@ def differing(before: LobeBatch, after: LobeBatch) -> Tensor:
         pair = getattr(before, part), getattr(after, part)
         differs = differs | (pair[0] != pair[1]).view(len(before), -1).any(1)
     return differs
-
-
-def energy_factors(before: LobeBatch, after: LobeBatch, changed: Tensor) -> Tensor:
-    """What weights are multiplied by, `[J]`, so that each lobe keeps its mean over all lights and
-    views; 1 where the lobe has not changed."""
-    rows = torch.nonzero(changed).squeeze(-1)
-    means = [mean_reflection(lobes[rows]) for lobes in (before, after)]
-    lit = (means[0] > 0.0) & (means[1] > 0.0)
-    ratio = torch.where(lit, means[0] / torch.where(lit, means[1], 1.0), 1.0)
-    return torch.ones_like(before.angle).index_copy(0, rows, ratio)
-
-
-def mean_reflection(lobes: LobeBatch) -> Tensor:
-    """The mean of rho_j over light and view, `[J]`."""
-    return lobe_intensity(lobes, LobeTable.build(lobes), ENERGY_SAMPLES)

@@ -11,10 +11,10 @@ from ..model import SPMM
 from .selection import Selection
 
 # Texels that are looked at, and measured pairs of directions that they share.
-TEXELS, PAIRS = 1024, 128
+TEXELS, PAIRS = 256, 128
 # Each texel is seen under so many pairs, and their mean counts: a pixel of a picture mixes several
 # points, lights and directions too, so it is never as colourful as the extremes of one texel.
-MIXED = 4
+MIXED = 16
 SEED = 0
 
 

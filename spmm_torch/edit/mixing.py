@@ -8,8 +8,9 @@ from torch import Tensor
 from ..errors import ConfigError
 from ..lobe import LobeBatch
 from ..model import SPMM, SparseWeights
+from ..order import ranges
 from ..residual import Residual, decode_residual, encode_residual
-from .parts import entry_texels, from_entries, with_parts
+from .parts import entry_texels, from_entries, scaled_entries, with_parts
 from .regions import Rectangle, bounds
 from .residual import STEPS, share_steps
 from .selection import Selection
@@ -42,15 +43,12 @@ def blend(first: SPMM, second: SPMM, amount: float, where: Selection | None = No
     if not bool((share > 0.0).any()):
         return first
     lobes, shift = _joined(first, second)
-    parts = []
-    for model, part, begin in ((first, 1.0 - share, 0), (second, share, shift)):
-        texel = entry_texels(model)
-        kept = torch.nonzero(part[texel] > 0.0).squeeze(-1)
-        texel = texel[kept]
-        parts.append((texel, model.index[kept] + begin, model.weight[kept] * part[texel, None]))
-    texel, index, weight = (torch.cat(both) for both in zip(*parts, strict=True))
+    parts = [
+        scaled_entries(model, part.index_select(0, entry_texels(model)), begin)
+        for model, part, begin in ((first, 1.0 - share, 0), (second, share, shift))
+    ]
     labels, residual = _blended_residual(first, second, share)
-    return from_entries(first, lobes, (texel, index, weight), labels, residual)
+    return from_entries(first, lobes, parts, labels, residual)
 
 
 @torch.no_grad()
@@ -83,10 +81,9 @@ def rearranged(model: SPMM, origin: Tensor) -> SPMM:
     """The model whose texel t is the texel `origin[t]` of another, `[T]`."""
     count = model.lobe_count_per_texel()[origin]
     offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
-    texel = torch.repeat_interleave(count)
-    entry = model.offset[origin][texel] + torch.arange(len(texel), device=texel.device)
-    entry = entry - offset[texel]
-    weights = SparseWeights(offset, model.index[entry], model.weight.detach()[entry])
+    _, entry = ranges(model.offset[origin], count)
+    index, weight = (each.index_select(0, entry) for each in (model.index, model.weight.detach()))
+    weights = SparseWeights(offset, index, weight)
     return with_parts(model, weights=weights, labels=model.labels[origin])
 
 

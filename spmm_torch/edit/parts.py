@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -9,6 +12,21 @@ from ..errors import ConfigError
 from ..lobe import LobeBatch
 from ..model import SPMM, SparseWeights
 from ..residual import Residual
+
+
+@dataclass(frozen=True)
+class Entries:
+    """n entries of a model, in the order of their texels.
+
+    Attributes:
+        texel: ascending, `[n]`.
+        lobe: of a dictionary, `[n]`.
+        weight: `[n, C]`.
+    """
+
+    texel: Tensor
+    lobe: Tensor
+    weight: Tensor
 
 
 def with_parts(
@@ -38,10 +56,23 @@ def entry_texels(model: SPMM) -> Tensor:
     return torch.repeat_interleave(model.lobe_count_per_texel())
 
 
+def scaled_entries(model: SPMM, share: Tensor, begin: int = 0) -> Entries:
+    """The entries of a model with their weights times `share [N]`, without those of share 0.
+
+    Args:
+        begin: is added to the numbers of the lobes.
+    """
+    texel, lobe, weight = entry_texels(model), model.index + begin, model.weight * share[:, None]
+    if bool((share > 0.0).all()):
+        return Entries(texel, lobe, weight)
+    kept = torch.nonzero(share > 0.0).squeeze(-1)
+    return Entries(*(part.index_select(0, kept) for part in (texel, lobe, weight)))
+
+
 def from_entries(
     model: SPMM,
     lobes: LobeBatch,
-    entries: tuple[Tensor, Tensor, Tensor],
+    parts: Sequence[Entries],
     labels: Tensor | None = None,
     residual: Residual | None = None,
 ) -> SPMM:
@@ -50,17 +81,26 @@ def from_entries(
     Args:
         model: gives the size and all parts that are not given.
         lobes: a dictionary of J lobes.
-        entries: texel `[N]`, lobe `[N]` and weight `[N, C]`, in any order. Those of a texel keep
-            their order.
+        parts: entries by texel; those of a texel stay in the order of the parts. Merged by
+            counting, as each part is in order already.
         labels, residual: as in `with_parts`.
     """
-    texel, index, weight = entries
-    order = torch.argsort(texel, stable=True)
-    count = torch.bincount(texel, minlength=model.texel_count)
-    offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
+    counts = [torch.bincount(part.texel, minlength=model.texel_count) for part in parts]
+    total = torch.stack(counts).sum(0)  # [T]
+    offset = torch.cat((total.new_zeros(1), total.cumsum(0)))
+    index = total.new_empty(sum(len(part.texel) for part in parts))
+    weight = model.weight.new_empty(len(index), model.weight.shape[1])
+    start = offset[:-1]  # [T], where each texel's entries of a part begin
+    for part, count in zip(parts, counts, strict=True):
+        shift = start - (count.cumsum(0) - count)
+        number = torch.arange(len(part.texel), device=index.device)
+        place = number + shift.index_select(0, part.texel)
+        index.index_copy_(0, place, part.lobe)
+        weight.index_copy_(0, place, part.weight)
+        start = start + count
     used = torch.bincount(index, minlength=len(lobes)) > 0  # [J]
-    place = used.cumsum(0) - 1
-    weights = SparseWeights(offset, place[index[order]], weight[order])
+    position = used.cumsum(0) - 1
+    weights = SparseWeights(offset, position.index_select(0, index), weight)
     return with_parts(model, lobes=lobes[used], weights=weights, labels=labels, residual=residual)
 
 

@@ -98,17 +98,13 @@ def non_negative(model: SPMM, weight: Tensor, reflection: Tensor) -> Tensor:
         weight: of the entries of the model, of any sign.
         reflection: mean of rho of each lobe, `[J]`.
     """
-    negative = weight < 0.0
-    if not bool(negative.any()):
+    if not bool((weight < 0.0).any()):
         return weight
     texel = entry_texels(model)
-    cut = torch.zeros(model.texel_count, dtype=torch.bool, device=weight.device)
-    cut[texel[negative.any(1)]] = True
-    rows = torch.nonzero(cut[texel]).squeeze(-1)  # [R], entries of texels with negative weights
-    texel, part, size = texel[rows], weight[rows], reflection[model.index[rows], None]
+    size = reflection.index_select(0, model.index)[:, None]  # [N, 1]
     zero = weight.new_zeros(model.texel_count, weight.shape[1])
-    wanted = zero.index_add(0, texel, part * size)
-    part = part.clamp(min=0.0)
-    reached = zero.index_add(0, texel, part * size)
-    factor = torch.where(reached > 0.0, wanted.clamp(min=0.0) / reached, 1.0)
-    return weight.clamp(min=0.0).index_copy(0, rows, part * factor[texel])
+    kept = weight.clamp(min=0.0)
+    reached = zero.index_add(0, texel, kept * size)  # [T, C]
+    missed = zero.index_add(0, texel, weight.clamp(max=0.0) * size)  # 0 where none is negative
+    factor = torch.where(reached > 0.0, (1.0 + missed / reached).clamp(min=0.0), 1.0)
+    return kept * factor.index_select(0, texel)

@@ -55,6 +55,7 @@ def edits_of(model: SPMM) -> dict[str, Callable[[], SPMM]]:
         "replace_model, specular": lambda: replace_model(model, "ward", group="specular"),
         "residual_strength": lambda: residual_strength(model, 0.5),
         "blend": lambda: blend(model, other, 0.5),
+        "copy_look": lambda: copy_look(model, Rectangle(0, 0, 64, 64)),
     }
 
 

@@ -21,7 +21,9 @@ from spmm_torch.edit import change_colours, hue_saturation
 from spmm_torch.edit.recolour import FITS
 from spmm_torch.render import (
     Camera,
+    CosineSampled,
     DirectionalLight,
+    EnvironmentLight,
     RenderSettings,
     Scene,
     Sphere,
@@ -36,7 +38,7 @@ TURNS = (-150.0, -110.0, -75.0, -45.0, -15.0, 15.0, 45.0, 75.0, 116.0, 180.0)
 FACTORS = (0.0, 0.3, 0.6, 1.3, 1.6)
 BOTH = ((-110.0, 0.5), (60.0, 1.4), (116.0, 0.7), (30.0, 0.4), (180.0, 1.3))
 CHANGES = (*((turn, 1.0) for turn in TURNS), *((0.0, factor) for factor in FACTORS), *BOTH)
-LIGHTS = ((0.5, 0.5, 1.0), (-1.0, 0.3, 1.0))
+LIGHTS = {"two": ((0.5, 0.5, 1.0), (-1.0, 0.3, 1.0)), "side": ((1.0, 0.2, 0.4),)}
 BOUND = 1.1  # what is asked for, times the difference of the best matrix
 
 
@@ -50,10 +52,11 @@ class Row:
     linear: dict[str, float]
 
 
-def scene_of(repeat: float) -> Scene:
-    """A sphere under two lights."""
-    lights = tuple(DirectionalLight.build(direction) for direction in LIGHTS)
-    return Scene(Sphere(Texture(repeat)), Camera.orthographic(), lights)
+def lights_of(name: str) -> tuple[DirectionalLight | EnvironmentLight, ...]:
+    """Two lights, one from the side, or light from all around."""
+    if name == "studio":
+        return (EnvironmentLight.studio(),)
+    return tuple(DirectionalLight.build(direction) for direction in LIGHTS[name])
 
 
 def best_matrix(before: Tensor, after: Tensor) -> Tensor:
@@ -72,10 +75,9 @@ def difference(first: Tensor, second: Tensor) -> float:
 
 
 @torch.no_grad()
-def compare(model: SPMM, settings: RenderSettings, repeat: float = 1.0) -> list[Row]:
-    """A row for each change."""
-    scene = scene_of(repeat)
-    original = render(model, scene, settings)
+def compare(model: SPMM, settings: RenderSettings, scene: Scene) -> list[Row]:
+    """A row for each change; all pictures by the same directions, so that noise is the same."""
+    original = render(CosineSampled(model), scene, settings)
     covered = original.coverage > 0.0
     before = original.picture[covered].clamp(min=0.0)  # [N, 3]
     rows = []
@@ -85,7 +87,7 @@ def compare(model: SPMM, settings: RenderSettings, repeat: float = 1.0) -> list[
         found = {"best": before @ best_matrix(before, exact).T}
         for fit in FITS:
             edited = hue_saturation(model, hue, saturation, fit=fit)
-            found[fit] = render(edited, scene, settings).picture[covered]
+            found[fit] = render(CosineSampled(edited), scene, settings).picture[covered]
         found = {name: part.clamp(min=0.0) for name, part in found.items()}  # as displayed
         exposure = auto_exposure([exact], [torch.ones(len(exact))])
         shown = lab(exact, exposure)
@@ -106,10 +108,13 @@ def main() -> None:
     parser.add_argument("run", type=Path)
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--repeat", type=float, default=1.0)
+    parser.add_argument("--lights", choices=(*LIGHTS, "studio"), default="two")
     parser.add_argument("--threads", type=int, default=2)
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    rows = compare(SPMM.load(options.run), RenderSettings(options.size), options.repeat)
+    shape = Sphere(Texture(options.repeat))
+    scene = Scene(shape, Camera.orthographic(), lights_of(options.lights))
+    rows = compare(SPMM.load(options.run), RenderSettings(options.size), scene)
     names = list(rows[0].lab)
     columns = "".join(f"{name:>10}" for name in names)
     print(f"{'degrees, factor':16}{columns}   | {columns}")

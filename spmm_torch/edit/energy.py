@@ -1,0 +1,104 @@
+"""How much light lobes reflect: what an edit keeps that is asked to keep their energy.
+
+A lobe's mean over light and view is an integral over its own hemisphere, where every lobe is
+upright: all of them share one set of points there, and only the texel's horizon, which cuts off
+what a tilted lobe reflects, is a plane of its own for each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+
+from ..brdf import REGISTRY
+from ..geometry import direction_from_angles, frame_from_normal
+from ..lobe import CPU_BLOCK, CUDA_BLOCK, LobeBatch
+
+# Directions that average a lobe: as they are the same before and after, errors mostly cancel. Few
+# lobes get more of them, as long as all lobes together take some hundredths of a second.
+FEWEST_SAMPLES, MOST_SAMPLES, BUDGET = 256, 4096, 3 << 17
+# Part of the views that crowd about the pole.
+CROWDED = 0.125
+# Of 1 - cos(theta_o): the narrowest lobes that lean to their normal reflect nothing beyond.
+POLE = 1e-3
+
+
+def energy_factors(before: LobeBatch, after: LobeBatch, changed: Tensor) -> Tensor:
+    """What weights are multiplied by, `[J]`, so that each lobe keeps its mean over all lights and
+    views; 1 where the lobe has not changed."""
+    rows = torch.nonzero(changed).squeeze(-1)
+    means = [mean_reflection(lobes[rows], sample_count(len(rows))) for lobes in (before, after)]
+    lit = (means[0] > 0.0) & (means[1] > 0.0)
+    ratio = torch.where(lit, means[0] / torch.where(lit, means[1], 1.0), 1.0)
+    return torch.ones_like(before.angle).index_copy(0, rows, ratio)
+
+
+def sample_count(lobes: int) -> int:
+    """Directions of each of so many lobes: a power of two, which fills space most evenly."""
+    each = 1 << max(0, (BUDGET // max(1, lobes)).bit_length() - 1)
+    return min(max(each, FEWEST_SAMPLES), MOST_SAMPLES)
+
+
+def mean_reflection(lobes: LobeBatch, samples: int) -> Tensor:
+    """The mean of rho_j over light and view, `[J]` in 1/sr: the integral of [WDR11 Eq. 9].
+
+    Views and lights come from one Sobol sequence, lights are drawn by the lobe, and what the
+    texel's horizon hides counts as 0. As `lobe_intensity`, but in the frame of the lobe: without
+    rotations of every pair, with half the densities, and with more views where lobes that lean to
+    their normal reflect at all.
+
+    Args:
+        samples: directions of each lobe, a power of two.
+    """
+    mean = torch.zeros_like(lobes.angle)
+    wo, importance, u = _points(samples, mean.dtype, mean.device)
+    up = frame_from_normal(lobes.normal, lobes.angle)[:, :, 2]  # [J, 3], the texel's normal
+    for model, rows in _blocks(lobes, samples):
+        kappa = lobes.kappa.index_select(0, rows)[:, None]  # [B, 1, P]
+        wi = REGISTRY[model].sample(kappa, wo, u)  # [B, S, 3]
+        value = REGISTRY[model].eval(kappa, wi, wo) * wi[..., 2].clamp(min=0.0)  # Eq. (3)
+        density = REGISTRY[model].pdf(kappa, wi, wo).clamp(min=torch.finfo(mean.dtype).tiny)
+        horizon = up.index_select(0, rows)[:, None]  # [B, 1, 3]
+        seen = _cosine(horizon, wi).clamp(0.0, 1.0) * _cosine(horizon, wo).clamp(0.0, 1.0)
+        mean[rows] = (value / density * importance * seen.ceil()).mean(dim=1)
+    return mean / (2.0 * math.pi)
+
+
+@lru_cache(maxsize=4)
+def _points(
+    samples: int, dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Views `[1, S, 3]`, their weights `[S]` of mean 1, and numbers `[1, S, 3]` for `sample`.
+
+    Most views are even over the hemisphere; CROWDED of them crowd about its pole on all scales
+    down to POLE. Weighted by the balance heuristic [Veach & Guibas 1995].
+    """
+    # The points are the lower corners of their cells: half a cell further they are the middles.
+    points = torch.quasirandom.SobolEngine(5).draw(samples, dtype=torch.float64) + 0.5 / samples
+    span = math.log1p(1.0 / POLE)
+    crowded = POLE * torch.expm1(span * points[:, 0])  # 1 - cos(theta_o)
+    first = torch.arange(samples) < round(CROWDED * samples)
+    below = torch.where(first, crowded, points[:, 0])
+    weight = 1.0 / (1.0 - CROWDED + CROWDED / (span * (below + POLE)))
+    wo = direction_from_angles(torch.arccos(1.0 - below), 2.0 * math.pi * points[:, 1])
+    parts = (wo.T.contiguous().T[None], weight, points[None, :, 2:])
+    return tuple(part.to(device, dtype) for part in parts)
+
+
+def _blocks(lobes: LobeBatch, samples: int) -> Iterator[tuple[int, Tensor]]:
+    """(model, lobes) of blocks of one model that fit the cache."""
+    size = max(1, (CUDA_BLOCK if lobes.kappa.is_cuda else CPU_BLOCK) // samples)
+    for model in torch.unique(lobes.model).tolist():
+        rows = torch.nonzero(lobes.model == model).squeeze(-1)
+        for block in rows.split(size):
+            yield model, block.to(lobes.kappa.device)
+
+
+def _cosine(first: Tensor, second: Tensor) -> Tensor:
+    """Dot products `[...]` of directions `[..., 3]`, written out: a CPU sums short rows slowly."""
+    products = (first[..., i] * second[..., i] for i in range(3))
+    return sum(products, start=first.new_zeros(()))
