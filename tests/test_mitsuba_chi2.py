@@ -49,7 +49,7 @@ def planted_material(mitsuba: Any, case: Case) -> Callable[[Any], Any]:
 @pytest.mark.parametrize("case", WIDE)
 def test_mitsuba_accepts(case: Case) -> None:
     if not works(FAST):
-        pytest.skip(f"mitsuba.chi2 needs the variant {FAST}, and so a libLLVM of 16 or newer")
+        pytest.skip(f"mitsuba.chi2 needs the variant {FAST}, and so a libLLVM of 19 or newer")
     import mitsuba
 
     mitsuba.set_variant(FAST)

@@ -21,7 +21,7 @@ same for HDR targets (NPZ, EXR), where nothing is ever clamped, and divides by t
 percentile for 8-bit targets (zip); what lies above 1 there is clipped, counted and reported.
 
 What it takes. 64 x 64 texels under 81 x 81 directions at 24 samples: 3 to 7 minutes on two cores
-with a libLLVM of 16 or newer (found by itself, or named by DRJIT_LIBLLVM_PATH), two to three times
+with a libLLVM of 19 or newer (found by itself, or named by DRJIT_LIBLLVM_PATH), two to three times
 that without. Time grows with texels, samples and pictures. Beside the output, the pictures need
 4 bytes a value of disk while it runs.
 """

@@ -64,7 +64,7 @@ def _choose(variant: str, progress: Progress) -> str:
         if works(FAST):
             return FAST
         progress.say(
-            f"Mitsuba finds no usable LLVM (a libLLVM of 16 or newer; the environment variable "
+            f"Mitsuba finds no usable LLVM (a libLLVM of 19 or newer; the environment variable "
             f"DRJIT_LIBLLVM_PATH can name it), so {PLAIN} renders, two to three times slower."
         )
         return PLAIN

@@ -215,7 +215,7 @@ def test_the_same_seed_gives_the_same_bytes_for_any_number_of_threads() -> None:
 
 def test_both_variants_agree() -> None:
     if not works(FAST):
-        pytest.skip(f"{FAST} does not work here: it needs libLLVM 16 or newer")
+        pytest.skip(f"{FAST} does not work here: it needs libLLVM 19 or newer")
     maps = texture(waves(32), 0.8, roughness=0.4)
     view, light = direction(60.0, 20.0), direction(45.0, 200.0)
     pictures = []
