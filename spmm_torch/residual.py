@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import copy
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -42,10 +42,14 @@ class Residual(nn.Module):
             code: `[K', V, L, C]`.
             scale: `[K']`.
         """
-        other = copy.copy(self)  # the meshes take long to build, and are shared
-        other._parameters = {"code": nn.Parameter(code, requires_grad=False)}
-        other._buffers = {"scale": scale}
-        return other
+        return Residual(code, scale, self.light_mesh.directions, self.view_mesh.directions)
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Residual:
+        """Moves the meshes with the module; their types stay."""
+        super()._apply(fn, recurse)
+        self.light_mesh = self.light_mesh.to(self.code.device)
+        self.view_mesh = self.view_mesh.to(self.code.device)
+        return self
 
     def forward(self, cluster: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """The residual `[..., C]` of clusters `[...]` at wi, wo `[..., 3]`, piecewise linear.
@@ -77,8 +81,8 @@ class Residual(nn.Module):
 
     def _pairs(self, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
         """Measured pairs `[Q, 9]`, as view * L + light, and their weights `[Q, 9]`."""
-        light, light_weight = self.light_mesh.to(wi.device).weights(wi)  # [Q, 3]
-        view, view_weight = self.view_mesh.to(wo.device).weights(wo)  # [Q, 3]
+        light, light_weight = self.light_mesh.weights(wi)  # [Q, 3]
+        view, view_weight = self.view_mesh.weights(wo)  # [Q, 3]
         fade = (wi[:, 2:] / self.lowest_light).clamp(0.0, 1.0) * (wo[:, 2:] > 0.0)
         pair = view[:, :, None] * self.code.shape[2] + light[:, None, :]
         weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]

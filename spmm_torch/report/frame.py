@@ -10,14 +10,14 @@ from .style import STYLE
 Card = tuple[str, str, str]  # name, value, note
 
 
-def document(title: str, sections: Iterable[str]) -> Markup:
+def document(title: str, sections: Iterable[str], style: str = STYLE) -> Markup:
     """A whole page, which needs no other file and no script."""
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("title", title),
-        tag("style", Markup(STYLE)),
+        tag("style", Markup(style)),
     )
     body = tag("body", *sections)
     return join((Markup("<!DOCTYPE html>\n"), tag("html", head, body, lang="en"), "\n"))

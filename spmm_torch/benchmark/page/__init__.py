@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ...report import wording
+from ...report.frame import card_row, document
 from ...report.markup import Markup, definitions, join, tag
 from ...report.plots import PLOT_STYLE
 from ...report.style import STYLE
@@ -38,16 +39,9 @@ def write_page(path: Path, results: Mapping[str, Any]) -> None:
         results: what `benchmark.json` holds; parts that were not measured are left out.
     """
     name = Path(results["input"]["path"]).stem
-    head = tag(
-        "head",
-        tag("meta", charset="utf-8"),
-        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", f"{name} – SPMM benchmark"),
-        tag("style", Markup(STYLE + PLOT_STYLE)),
-    )
     measured = [section(results[part]) for part, section in SECTIONS.items() if part in results]
-    body = tag("body", _title(name, results), _cards(results), *measured, _details(results))
-    page = join((Markup("<!DOCTYPE html>\n"), tag("html", head, body, lang="en"), "\n"))
+    sections = (_title(name, results), _cards(results), *measured, _details(results))
+    page = document(f"{name} – SPMM benchmark", sections, STYLE + PLOT_STYLE)
     path.write_text(page, encoding="utf-8")
 
 
@@ -83,12 +77,7 @@ def _cards(results: Mapping[str, Any]) -> Markup:
             f"{wording.three_figures(row['mean_basis_per_texel'])} lobes a texel",
         ),
     )
-    parts = []
-    for position, texts in enumerate(cards):
-        rows = zip(("name", "value", "note"), texts, strict=True)
-        content = (tag("div", text, class_=kind) for kind, text in rows)
-        parts.append(tag("div", *content, class_="card" if position else "card main"))
-    return tag("div", *parts, class_="cards")
+    return card_row(cards)
 
 
 def _runs(count: int, spread: str) -> str:
