@@ -32,6 +32,7 @@ from spmm_torch.render import (
     encode_display,
     render,
 )
+from spmm_torch.render.environment import STUDIO_ROWS, studio_picture
 
 # Turns in degrees and factors on the saturation, with the three changes of Fig. 4.
 TURNS = (-150.0, -110.0, -75.0, -45.0, -15.0, 15.0, 45.0, 75.0, 116.0, 180.0)
@@ -53,9 +54,11 @@ class Row:
 
 
 def lights_of(name: str) -> tuple[DirectionalLight | EnvironmentLight, ...]:
-    """Two lights, one from the side, or light from all around."""
+    """Two lights, one from the side, or the studio in grey: coloured light changes what a turn of
+    the picture's hue means, but not what one of the material's does."""
     if name == "studio":
-        return (EnvironmentLight.studio(),)
+        grey = studio_picture(STUDIO_ROWS).mean(-1, keepdim=True).expand(-1, -1, 3)
+        return (EnvironmentLight.build(grey.contiguous(), "the grey studio"),)
     return tuple(DirectionalLight.build(direction) for direction in LIGHTS[name])
 
 

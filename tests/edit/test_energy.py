@@ -81,9 +81,9 @@ def test_kept_energy_keeps_the_albedo_of_tilted_lobes(model: SPMM, factor: float
 @pytest.mark.slow
 def test_kept_energy_keeps_the_albedo_of_a_fitted_model() -> None:
     """The bundled sample, whose normals tilt by up to 80 degrees."""
-    config = FitConfig.from_dict(
-        {"device": "cpu", "sample": {"per_cluster": 2}, "search": {"exchanges": 0}}
-    )
+    parts = {"cluster": {"count": 8}, "sample": {"per_cluster": 2}}
+    search = {"exchanges": 0, "max_lobes": 3, "restarts": 1, "bank_normals": 24}
+    config = FitConfig.from_dict({"device": "cpu", **parts, "search": search})
     fitted = fit(load_btf(sample_path()), config, render=False).model
     assert fitted.normal[:, 2].min().item() < 0.5
     for factor in (0.4, 1.5):
