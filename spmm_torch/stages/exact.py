@@ -69,7 +69,8 @@ def exact_errors(
         residual: as it is stored, `[D, C]`.
         ranks: that share the cluster.
     """
-    weights = torch.cat([_dense(fit, len(atoms)) for fit in fits])  # [n, C, J]
+    none = atoms.new_zeros(0, residual.shape[1], len(atoms))  # a rank may have no texels
+    weights = torch.cat([none, *(_dense(fit, len(atoms)) for fit in fits)])  # [n, C, J]
     total = torch.zeros(2, dtype=torch.float64)
     for part in parts:
         error = load(part).transpose(1, 2) - weights[part] @ atoms  # [m, C, D]

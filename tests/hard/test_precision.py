@@ -53,6 +53,7 @@ def selected(values: Tensor, atoms: Tensor) -> tuple[Products, Fit]:
         mean_correlation=atoms @ mean,
         mean_energy=mean.double().square().sum(0),
         count=len(values),
+        effective=len(values),
     )
     target = target_beside_residual(products, None, 0.0)
     return products, select(products, target, SelectConfig(max_lobes=8), StagewiseConfig())
