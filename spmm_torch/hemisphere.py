@@ -40,16 +40,17 @@ class HemisphereInterpolation:
     Attributes:
         directions: `[N, 3]`.
         triangles: corner indices `[F, 3]`; the third corner of a lifting cell is unused.
-        inverse: `[F, 3, 3]`, takes a direction to unnormalized barycentric weights.
-        counts: 1 where a corner has a value, 0 where it is -z, `[F, 3]`.
+        inverse: takes a direction to unnormalized barycentric weights: the entries of a 3 x 3
+            matrix, row after row, for each cell, `[9, F]`.
+        third: 1 where the third corner has a value, 0 where it is -z, `[F]`.
         candidates: cells that reach into each square of a map of the equal-area disk, likely
-            ones first, -1 for none, `[MAP_SIZE * MAP_SIZE, most]`.
+            ones first, -1 for none, `[most, MAP_SIZE * MAP_SIZE]`.
     """
 
     directions: Tensor
     triangles: Tensor
     inverse: Tensor
-    counts: Tensor
+    third: Tensor
     candidates: Tensor
 
     @classmethod
@@ -61,7 +62,7 @@ class HemisphereInterpolation:
 
     def to(self, device: torch.device | str) -> HemisphereInterpolation:
         """The same interpolation on another device."""
-        parts = (self.directions, self.triangles, self.inverse, self.counts, self.candidates)
+        parts = (self.directions, self.triangles, self.inverse, self.third, self.candidates)
         return HemisphereInterpolation(*(part.to(device) for part in parts))
 
     def weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
@@ -80,9 +81,10 @@ class HemisphereInterpolation:
         held = cell >= 0
         if not bool(held.all()):
             return self._weights_where(held, w, cell)
-        inside = _barycentric(self.inverse, cell, w).clamp(min=0.0)
-        inside = inside * self.counts.to(w.dtype).index_select(0, cell)
-        return self.triangles.index_select(0, cell), inside / inside.sum(dim=-1, keepdim=True)
+        parts = self._shares(cell, self._barycentric(cell, w))
+        total = parts[0] + parts[1] + parts[2]
+        weight = torch.stack([part / total for part in parts], dim=-1)
+        return self.triangles.index_select(0, cell), weight
 
     def _weights_where(self, held: Tensor, w: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
         """`_weights`, where queries that no cell holds take the nearest direction."""
@@ -101,12 +103,12 @@ class HemisphereInterpolation:
         """The cell that holds each query `[Q]`; -1 where none does."""
         if not len(self.triangles):
             return torch.full_like(w[:, 0], -1, dtype=torch.long)
-        near = self.candidates.index_select(0, map_square(w))  # [Q, most]
-        best = near[:, 0].clamp(min=0)
+        square = map_square(w)
+        best = self.candidates[0].index_select(0, square).clamp(min=0)
         margin = self._margin(best, w)
         pending = torch.nonzero(margin < 0.0).squeeze(-1)
-        for rank in range(1, near.shape[1]):
-            other = near[pending, rank]
+        for rank in self.candidates[1:]:
+            other = rank[square[pending]]
             pending, other = pending[other >= 0], other[other >= 0]
             if not len(pending):
                 break
@@ -121,7 +123,8 @@ class HemisphereInterpolation:
 
     def _search(self, w: Tensor) -> Tensor:
         """`_locate` by comparison with all cells."""
-        raw = torch.einsum("fab,qb->qfa", self.inverse.to(w.dtype), w)  # [Q, F, 3]
+        matrices = self.inverse.to(w.dtype).view(3, 3, -1)
+        raw = torch.einsum("abf,qb->qfa", matrices, w)  # [Q, F, 3]
         best = raw.amin(dim=-1).argmax(dim=-1)
         return torch.where(self._margin(best, w) > -EDGE_TOLERANCE, best, -1)
 
@@ -130,9 +133,21 @@ class HemisphereInterpolation:
 
         Minus infinity where only -z, which has no value, would count.
         """
-        raw = _barycentric(self.inverse, cell, w)
-        total = (raw.clamp(min=0.0) * self.counts.to(w.dtype).index_select(0, cell)).sum(dim=-1)
-        return torch.where(total > EDGE_TOLERANCE, raw.amin(dim=-1), -torch.inf)
+        raw = self._barycentric(cell, w)
+        first, second, third = self._shares(cell, raw)
+        least = torch.minimum(torch.minimum(raw[0], raw[1]), raw[2])
+        return torch.where(first + second + third > EDGE_TOLERANCE, least, -torch.inf)
+
+    def _barycentric(self, cell: Tensor, w: Tensor) -> list[Tensor]:
+        """Unnormalized barycentric weights of queries `[Q, 3]` in their cells `[Q]`, `[Q]` each."""
+        x, y, z = w.T.contiguous()
+        m = [entry.index_select(0, cell) for entry in self.inverse.to(w.dtype)]
+        return [m[k] * x + m[k + 1] * y + m[k + 2] * z for k in (0, 3, 6)]
+
+    def _shares(self, cell: Tensor, raw: list[Tensor]) -> list[Tensor]:
+        """What the corners of cells `[Q]` share in queries of barycentric weights `raw`."""
+        first, second, third = (part.clamp(min=0.0) for part in raw)
+        return [first, second, third * self.third.to(third.dtype).index_select(0, cell)]
 
 
 def map_square(w: Tensor) -> Tensor:
@@ -140,12 +155,6 @@ def map_square(w: Tensor) -> Tensor:
     upper = torch.cat((w[:, :2], w[:, 2:].clamp(min=0.0)), dim=1)
     place = ((disk_from_normal(upper) + 1.0) * (0.5 * MAP_SIZE)).long().clamp(0, MAP_SIZE - 1)
     return place[:, 1] * MAP_SIZE + place[:, 0]
-
-
-def _barycentric(inverse: Tensor, cell: Tensor, w: Tensor) -> Tensor:
-    """Unnormalized barycentric weights `[Q, 3]` of queries `[Q, 3]` in their cells `[Q]`."""
-    rows = inverse.to(w.dtype).flatten(1).index_select(0, cell).view(-1, 3, 3)
-    return (rows * w[:, None]).sum(dim=-1)
 
 
 @lru_cache(maxsize=16)
@@ -161,25 +170,25 @@ def _built(content: bytes, dtype: torch.dtype) -> HemisphereInterpolation:
     down = torch.tensor((0.0, 0.0, -1.0), dtype=torch.float64).expand(len(edges), 1, 3)
     corners = torch.cat((points[triangles], torch.cat((points[edges], down), dim=1)))
     cells = torch.cat((triangles, edges[:, [0, 1, 0]]))
-    counts = torch.ones(len(cells), 3, dtype=torch.float64)
-    counts[len(triangles) :, 2] = 0.0
+    third = torch.arange(len(cells)) < len(triangles)
     usable = torch.linalg.det(corners).abs() > MIN_TRIANGLE_VOLUME
     inverse = torch.linalg.inv(corners[usable].transpose(1, 2))
+    entries = inverse.to(dtype).flatten(1).T.contiguous()  # [9, F]
     return HemisphereInterpolation(
-        directions, cells[usable], inverse.to(dtype), counts[usable].to(dtype), _candidates(inverse)
+        directions, cells[usable], entries, third[usable].to(dtype), _candidates(inverse)
     )
 
 
 def _candidates(inverse: Tensor) -> Tensor:
     """`HemisphereInterpolation.candidates` of cells `[F, 3, 3]`: none that matters is left out."""
     if not len(inverse):
-        return torch.full((MAP_SIZE * MAP_SIZE, 1), -1)
+        return torch.full((1, MAP_SIZE * MAP_SIZE), -1)
     step = (torch.arange(MAP_SIZE, dtype=torch.float64) + 0.5) * (2.0 / MAP_SIZE) - 1.0
     disk = torch.cartesian_prod(step, step).flip(1)  # [S, 2], rows of y
     margin = torch.cat([_margins_near(inverse, part) for part in disk.split(QUERY_BLOCK // 8)])
     most = max(1, int((margin > -torch.inf).sum(dim=1).max()))
     value, cell = margin.topk(most, dim=1)
-    return torch.where(value > -torch.inf, cell, -1)
+    return torch.where(value > -torch.inf, cell, -1).T.contiguous()
 
 
 def _margins_near(inverse: Tensor, disk: Tensor) -> Tensor:

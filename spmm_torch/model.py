@@ -18,7 +18,7 @@ from .errors import OutputError
 from .geometry import texel_at
 from .lobe import LobeBatch
 from .lobe_pairs import eval_pairs
-from .order import ranges
+from .order import ranges, stable_order
 from .residual import Residual
 from .texel_blocks import TexelBlocks, blocks_met
 
@@ -198,12 +198,16 @@ class SPMM(nn.Module):
         blocks = TexelBlocks.build(corners, counts, self.offset, self.index, weight)
         total = max(1, int(blocks.count[block].sum()))
         size = max(1, len(texel) * BLOCK_ENTRIES // total)
-        queries = (block, share, wi, wo)
+        # Block by block, so that neighbours in memory read the same entries.
+        order = stable_order(block, len(corners))
+        queries = (x.index_select(0, order) for x in (block, share, wi, wo))
         parts = [
             self._forward_block(blocks, *part, residual)
             for part in zip(*(x.split(size) for x in queries), strict=True)
         ]
-        return torch.cat(parts).view(*shape, self.weight.shape[1])
+        value = torch.cat(parts)
+        value = torch.empty_like(value).index_copy(0, order, value)
+        return value.view(*shape, self.weight.shape[1])
 
     @full_precision()
     def sample(self, uv: Tensor, wo: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -96,15 +96,22 @@ class Residual(nn.Module):
 def _merged(cluster: Tensor, share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """(query `[E]`, column `[E]`, share `[E]`) of clusters `[Q, M]`, each of a query once.
 
-    A column takes over the shares of later ones with the same cluster; what has no share is left
-    out, unless its slope is asked for.
+    A column hands its share to the first one with the same cluster; what has no share is left out,
+    unless its slope is asked for.
     """
-    same = cluster[:, :, None] == cluster[:, None, :]  # [Q, M, M]
-    whole = (same * share[:, None, :]).sum(dim=2)  # [Q, M]
-    counts = ~same.tril(-1).any(dim=2)  # no earlier column has the same
+    columns, shares = cluster.unbind(1), list(share.unbind(1))
+    counts = []
+    for later, column in enumerate(columns):
+        alone = torch.ones_like(share[:, 0])  # 0 once it is handed over
+        for earlier in range(later):
+            taken = (column == columns[earlier]) * alone
+            shares[earlier] = shares[earlier] + taken * shares[later]
+            alone = alone - taken
+        counts.append(alone > 0.0)
+    kept, whole = torch.stack(counts, dim=1), torch.stack(shares, dim=1)
     if not share.requires_grad:
-        counts = counts & (whole != 0.0)
-    query, column = torch.nonzero(counts, as_tuple=True)
+        kept = kept & (whole != 0.0)
+    query, column = torch.nonzero(kept, as_tuple=True)
     return query, column, whole[query, column]
 
 

@@ -144,3 +144,18 @@ def test_follows_dtype_of_directions(residual: Residual) -> None:
     assert found.dtype == torch.float64
     single = residual(torch.tensor([0, 2]), LIGHT[:2], VIEW[:2])
     torch.testing.assert_close(found.float(), single, rtol=1e-5, atol=1e-5)
+
+
+def test_blend_is_the_sum_of_its_clusters(residual: Residual) -> None:
+    """Whichever columns name the same cluster, and with shares of 0."""
+    generator = torch.Generator().manual_seed(4)
+    cluster = torch.cartesian_prod(*[torch.arange(CLUSTERS)] * 4)  # [81, 4]
+    share = torch.rand(len(cluster), 4, generator=generator)
+    share[::3, 1] = 0.0
+    wi, wo = random_directions(len(cluster), 5), random_directions(len(cluster), 6)
+    each = residual(cluster, wi[:, None], wo[:, None])  # [81, 4, C]
+    expected = (each * share[..., None]).sum(dim=1)
+    torch.testing.assert_close(residual.blend(cluster, share, wi, wo), expected)
+    share.requires_grad_()
+    (slope,) = torch.autograd.grad(residual.blend(cluster, share, wi, wo).sum(), share)
+    torch.testing.assert_close(slope, each.sum(dim=2))
