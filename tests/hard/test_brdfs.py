@@ -10,7 +10,9 @@ from tests.hard.brdfs import FACTOR, figure
 
 @pytest.mark.slow
 @pytest.mark.skipif(not shared_data().is_dir(), reason=f"no test data at {shared_data()}")
-@pytest.mark.parametrize("name", ["merl/white-paint", "merl/alum-bronze", "merl/blue-metallic-paint"])
+@pytest.mark.parametrize(
+    "name", ["merl/white-paint", "merl/alum-bronze", "merl/blue-metallic-paint"]
+)
 def test_error_between_samples(name: str) -> None:
     """The first two were off by 15.7 and 2.3 times while lobes could be half as wide."""
     found = figure(name)
