@@ -165,6 +165,12 @@ class SelectConfig:
     min_gain: float = setting(
         0.006, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
     )
+    pilot: int | None = setting(
+        256,
+        "texels of a cluster that choose from the whole dictionary; what lobes they choose is all "
+        "that the others may; null: all texels",
+        low=1,
+    )
 
 
 @dataclass(frozen=True)

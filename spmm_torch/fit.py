@@ -134,7 +134,9 @@ def fit(
         with progress.stage("select", btf.texel_count, "texels") as stage:
             spare = budget.spare - plan.kept_bytes(budget, cached=cache is not None)
             gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
-            setting = Setting(btf, dictionary, config, watch, spare, ranks, weights, gaps)
+            setting = Setting(
+                btf, clusters.points, dictionary, config, watch, spare, ranks, weights, gaps
+            )
             fits = fit_texels(setting, clusters.members, checkpoint, stage)
         model = assemble(btf, clusters, dictionary.lobes, fits)
         worth = steps.worth(clusters, dictionary)

@@ -98,10 +98,10 @@ class Weights:
         """sqrt(w_d) of every pair, `[D]`; None if they are all 1."""
         return None if self.pair is None else self.pair.to(device).sqrt()
 
-    def values(self, btf: BTF, index: Index, device: torch.device | str) -> Tensor:
-        """Values `[n, D, C]` of some texels, scaled by sqrt(w_d)."""
-        values, scale = btf.texels(index, device), self.scale(device)
-        return values if scale is None else values * scale[:, None]
+    def signals(self, btf: BTF, index: Index, device: torch.device | str) -> Tensor:
+        """Values `[n, C, D]` of some texels, channels first, scaled by sqrt(w_d)."""
+        values, scale = btf.signals(index, device), self.scale(device)
+        return values if scale is None else values * scale
 
     def of_texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor | None:
         """v_t of some texels, `[n]`, positive; None if they are all 1."""

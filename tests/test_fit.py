@@ -17,7 +17,7 @@ from spmm_torch.geometry import direction_from_angles, ring_directions
 from spmm_torch.lobe import LobeBatch
 from spmm_torch.progress import Progress
 from spmm_torch.report import check_report
-from spmm_torch.stages import cluster, texels
+from spmm_torch.stages import cluster, solve
 
 DIRECTIONS = ring_directions(((0.0, 1), (35.0, 6), (65.0, 12)))
 # Model, parameters, and tilt of the normal (polar, azimuth in degrees) of every planted lobe.
@@ -239,10 +239,23 @@ def test_block_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     btf = noisy(3, 4)
     whole = fit(btf, small(), render=False).report["snr_db"]
     monkeypatch.setattr(cluster, "CPU_BLOCK_VALUES", 2 * btf.pair_count * 3)
-    monkeypatch.setattr(texels, "CPU_TEXELS", 2)
+    monkeypatch.setattr(solve, "CPU_TEXELS", 2)
     assert cluster.block_texels(btf, torch.device("cpu")) == 2
     blocks = fit(btf, small(), render=False).report["snr_db"]
     assert blocks == pytest.approx(whole, abs=1e-3)
+
+
+def test_lobes_of_a_pilot_serve_the_whole_cluster() -> None:
+    """Half of the planted texels choose; the others find the lobes that they need among those."""
+    btf, counts = planted_btf()
+    whole, piloted = (
+        fit(btf, small(cluster={"count": 1}, select={"pilot": pilot}), render=False)
+        for pilot in (None, SIDE * SIDE // 2)
+    )
+    assert len(piloted.model.weight) >= sum(counts)  # a lobe or more for each planted one
+    for name in ("without_residual", "with_residual"):
+        assert piloted.report["snr_db"][name] > whole.report["snr_db"][name] - 1.0
+    check_errors(btf, piloted)
 
 
 def test_devices() -> None:

@@ -16,7 +16,7 @@ SOURCES = {"spmm_torch": "spmm_torch", "cli": "spmm_torch.cli", "viz": "spmm_tor
 # of lower floors and itself, so units of one floor do not know each other. "__init__" is
 # spmm_torch/__init__.py, which re-exports what lies below it.
 FLOORS: tuple[frozenset[str], ...] = (
-    frozenset({"errors", "order"}),
+    frozenset({"errors", "order", "threads"}),
     frozenset({"schema"}),
     frozenset(
         {"config", "progress", "stopwatch", "metrics", "memory", "ranks", "device", "arguments"}

@@ -46,10 +46,10 @@ FIT = """
 import sys
 from spmm_torch import checkpoint, fit
 from spmm_torch.errors import OutputError
-from spmm_torch.stages import cluster, texels
+from spmm_torch.stages import cluster, solve, texels
 
 cluster.CPU_BLOCK_VALUES = 5 * 225 * 3
-texels.CPU_TEXELS = 2
+solve.CPU_TEXELS = 2
 keep, products = checkpoint.Checkpoint._keep, texels.cluster_products
 place = sys.argv.pop() if "--fail" in sys.argv else ""
 if place:

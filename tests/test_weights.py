@@ -109,10 +109,11 @@ def test_products_of_weights() -> None:
 def test_values_are_scaled_by_the_square_root() -> None:
     btf = make_btf()
     weights = Weights.build(btf, some(PAIRS))
-    scaled = weights.values(btf, slice(0, 4), "cpu")
+    scaled = weights.signals(btf, slice(0, 4), "cpu").transpose(1, 2)
     expected = btf.texels(slice(0, 4)) * weights.pair.sqrt()[:, None]
     torch.testing.assert_close(scaled, expected)
-    assert torch.equal(UNIFORM.values(btf, slice(0, 4), "cpu"), btf.texels(slice(0, 4)))
+    plain = UNIFORM.signals(btf, slice(0, 4), "cpu")
+    assert torch.equal(plain.transpose(1, 2), btf.texels(slice(0, 4)))
 
 
 def test_the_digest_tells_weights_apart() -> None:

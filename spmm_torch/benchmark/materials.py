@@ -39,6 +39,12 @@ class TiledStore:
         values = self.base.texels(self.texel[chosen], device)
         return values * self.gain[chosen].to(device)[:, None]
 
+    def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        """Values `[n, C, D]` float32."""
+        chosen = slice(None) if index is None else index
+        values = self.base.signals(self.texel[chosen], device)
+        return values * self.gain[chosen].to(device)[..., None]
+
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]` float32."""
         return self.base.pairs(start, stop)[self.texel] * self.gain[:, None]
@@ -58,7 +64,7 @@ def tiled(btf: BTF, base: Store, count: int) -> BTF:
     side = round(math.sqrt(count))
     row, column = torch.arange(side) % btf.height, torch.arange(side) % btf.width
     texel = (row[:, None] * btf.width + column).flatten()
-    store = TiledStore(base, texel, _gains(side, btf.channels))
+    store = TiledStore(base, texel, gains(side, btf.channels))
     return replace(
         btf,
         name=f"{btf.name}, {side} x {side}",
@@ -70,8 +76,8 @@ def tiled(btf: BTF, base: Store, count: int) -> BTF:
     )
 
 
-def _gains(side: int, channels: int) -> Tensor:
-    """Smooth gains `[side * side, C]`, between DARKEST and BRIGHTEST."""
+def gains(side: int, channels: int) -> Tensor:
+    """Smooth gains of texels, `[side * side, C]`, between DARKEST and BRIGHTEST."""
     generator = torch.Generator().manual_seed(0)
     across = torch.arange(side) / side
     field = torch.zeros(side, side, channels)

@@ -187,6 +187,12 @@ class BTF:
         """
         return self._loaded().texels(index, device)
 
+    def signals(
+        self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
+    ) -> Tensor:
+        """The values of `texels`, channels first: `[n, C, D]`, contiguous."""
+        return self._loaded().signals(index, device)
+
     def picture(self, view: int, light: int) -> Tensor:
         """The linear picture `[H, W, C]` of one direction pair."""
         pair = view * len(self.light) + light

@@ -11,18 +11,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO, ClassVar, Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from ..errors import OutputError
+from ..memory import slices
+from ..threads import in_threads
 from .codecs.radiance import SCALES
 from .file_rows import RowLayout, read_columns, read_rows
 
-# Codes that are looked up at once: their index and their result stay in the second-level cache.
-LOOKUP_CHUNK = 1 << 17
+# Pairs of codes that are looked up at once: their index and result stay in the second-level cache.
+LOOKUP_CHUNK = 1 << 16
 
 Index = Tensor | slice | None
 
@@ -122,7 +124,13 @@ def positions(index: Tensor) -> Tensor:
 
 
 class Expansion(Protocol):
-    """How codes become values."""
+    """How codes become values.
+
+    Attributes:
+        elementwise: whether every code element is a value of its own.
+    """
+
+    elementwise: bool
 
     def __call__(self, codes: Tensor) -> Tensor:
         """Linear values `[..., C]` float32 of codes `[..., B]`, on the device of the codes."""
@@ -135,6 +143,8 @@ class Expansion(Protocol):
 
 class FloatExpansion:
     """Codes that are linear values already, float16 or float32."""
+
+    elementwise = True
 
     def __call__(self, codes: Tensor) -> Tensor:
         return codes.float()
@@ -149,15 +159,22 @@ class TableExpansion:
     """8-bit codes by a table `[256]`.
 
     A table, unlike a power, gives the same bits wherever a value lies in its block, so a fit does
-    not depend on the size of the blocks.
+    not depend on the size of the blocks. On a CPU codes are looked up two at a time.
     """
 
     table: Tensor
+    elementwise: ClassVar[bool] = True
+
+    @cached_property
+    def pairs(self) -> np.ndarray:
+        """The two values of every pair of codes `[65536]`, as one element of 8 bytes."""
+        codes = np.arange(1 << 16, dtype=np.uint16).view(np.uint8)
+        return self.table.numpy()[codes].view(np.uint64)
 
     def __call__(self, codes: Tensor) -> Tensor:
         if codes.device.type != "cpu":
             return self.table.to(codes.device)[codes.int()]
-        return _look_up(self.table, codes)
+        return _look_up(self.table.numpy(), self.pairs, codes)
 
     def bounds(self, codes: Tensor) -> tuple[float, float]:
         low, high = codes.aminmax()  # the table rises
@@ -172,6 +189,7 @@ class TableExpansion:
 class RgbeExpansion:
     """Radiance's shared exponent: `mantissa * 2 ** (exponent - 136)`, 0 where the exponent is."""
 
+    elementwise = False
     # A table: powers are not exact on every device.
     scale = TableExpansion(torch.from_numpy(SCALES))
 
@@ -183,14 +201,20 @@ class RgbeExpansion:
         return float(low), float(high)
 
 
-def _look_up(table: Tensor, codes: Tensor) -> Tensor:
-    """`table[codes]` on the CPU, several times faster than by torch.
+def _look_up(table: np.ndarray, pairs: np.ndarray, codes: Tensor) -> Tensor:
+    """`table[codes]` on the CPU, ten times faster than by torch, by as many threads as it has.
 
-    NumPy, because the many small parallel regions of torch stall where cores are shared.
+    NumPy, because `take` spends most of its time on the index, and two codes are one index.
     """
-    values = torch.empty(codes.shape, dtype=torch.float32)
-    source, target, entries = codes.reshape(-1).numpy(), values.view(-1).numpy(), table.numpy()
-    for start in range(0, source.size, LOOKUP_CHUNK):
-        block = slice(start, start + LOOKUP_CHUNK)
-        np.take(entries, source[block], out=target[block], mode="clip")  # "raise" would copy
+    values = torch.from_numpy(np.empty(codes.shape, np.float32))  # by NumPy: in huge pages
+    source, target = codes.contiguous().view(-1).numpy(), values.view(-1).numpy()
+    even = source.size & ~1
+    source_pairs, target_pairs = source[:even].view(np.uint16), target[:even].view(np.uint64)
+
+    def work(block: slice) -> None:
+        # "raise" would copy
+        np.take(pairs, source_pairs[block], out=target_pairs[block], mode="clip")
+
+    in_threads(work, list(slices(len(source_pairs), LOOKUP_CHUNK)))
+    target[even:] = table[source[even:]]
     return values

@@ -26,6 +26,10 @@ class Store(Protocol):
         """Linear values `[n, D, C]` float32 of some texels, on a device."""
         ...
 
+    def signals(self, index: Index, device: torch.device | str) -> Tensor:
+        """The same channels first, `[n, C, D]`, contiguous."""
+        ...
+
     def pairs(self, start: int, stop: int) -> Tensor:
         """Linear values `[T, stop - start, C]` float32 of consecutive pairs, on the CPU."""
         ...
@@ -41,6 +45,12 @@ class CodeStore:
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         return self.expand(self.codes.rows(index).to(device))  # codes travel, not floats
+
+    def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        codes = self.codes.rows(index).to(device)
+        if self.expand.elementwise:  # codes are smaller than values
+            return self.expand(codes.transpose(1, 2).contiguous())
+        return self.expand(codes).transpose(1, 2).contiguous()
 
     def pairs(self, start: int, stop: int) -> Tensor:
         return self.expand(self.codes.columns(start, stop))
@@ -65,6 +75,9 @@ class CosineStore:
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         return self.values.texels(index, device) * self.cosine[:, None].to(device)
+
+    def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        return self.values.signals(index, device) * self.cosine.to(device)
 
     def pairs(self, start: int, stop: int) -> Tensor:
         return self.values.pairs(start, stop) * self.cosine[start:stop, None]

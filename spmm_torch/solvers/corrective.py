@@ -7,12 +7,13 @@ the support, and goes on with the true residual. The stopping rule is relative, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
-from spmm_torch.solvers.nnls import nnls_gram
+from ..memory import slices
+from .nnls import nnls_channels
 
 # Decreases under this fraction of the energy are float32 rounding of the correlations (60 dB).
 ENERGY_FLOOR = 1e-6
@@ -30,28 +31,29 @@ class Selection:
 
     index: Tensor  # [T, M] long, atoms in order of selection, padded with -1
     weights: Tensor  # [T, M, C], >= 0, zero where padded
-    error: Tensor  # [T, C], ||y - D x||^2
+    error: Tensor  # [T], ||y - D x||^2 of all channels
 
 
 @dataclass(frozen=True)
 class _Texels:
-    """Inputs, channels first, with the stopping rule."""
+    """Inputs, channels first, with the stopping rule; T' of the T texels are looked at."""
 
     gram: Tensor  # [J, J]
     correlation: Tensor  # [T, C, J]
-    energy: Tensor  # [T, C] float64
+    energy: Tensor  # [T] float64
     min_gain: float | Tensor  # [T] where it varies
     floor: float
+    rows: Tensor  # [T'], indices of texels
 
     def take(self, rows: Tensor) -> _Texels:
-        if len(rows) == len(self.correlation):  # all of them, in order
-            return self
-        min_gain = self.min_gain[rows] if isinstance(self.min_gain, Tensor) else self.min_gain
-        return _Texels(self.gram, self.correlation[rows], self.energy[rows], min_gain, self.floor)
+        """Some of those that are looked at."""
+        return replace(self, rows=self.rows[rows])
 
     def least_gain(self, error: Tensor) -> Tensor:
-        """Smallest decrease worth a lobe, given the summed error `[T]` without it."""
-        return torch.maximum(self.min_gain * error, self.floor * self.energy.sum(-1))
+        """Smallest decrease worth a lobe, given the summed error `[T']` without it."""
+        gain = self.min_gain
+        gain = gain[self.rows] if isinstance(gain, Tensor) else gain
+        return torch.maximum(gain * error, self.floor * self.energy[self.rows])
 
 
 @dataclass
@@ -60,7 +62,7 @@ class _Support:
 
     index: Tensor  # [T, M] long
     weights: Tensor  # [T, C, M] float64
-    error: Tensor  # [T, C] float64
+    error: Tensor  # [T] float64
 
     def take(self, rows: Tensor) -> _Support:
         return _Support(self.index[rows], self.weights[rows], self.error[rows])
@@ -70,14 +72,25 @@ class _Support:
         order = (self.index < 0).to(torch.uint8).argsort(dim=1, stable=True)[:, :slots]
         channels = self.weights.shape[1]
         weights = self.weights.gather(2, order[:, None].expand(-1, channels, -1))
-        return _Support(self.index.gather(1, order), weights, self.error)
+        return _Support(self.index.gather(1, order), weights, self.error).widened(slots)
+
+    def widened(self, slots: int) -> _Support:
+        """The same with free slots behind, `slots` in all."""
+        more = slots - self.index.shape[1]
+        if more <= 0:
+            return self
+        pad = torch.nn.functional.pad
+        return _Support(
+            pad(self.index, (0, more), value=-1), pad(self.weights, (0, more)), self.error
+        )
 
     def put(self, rows: Tensor, other: _Support) -> None:
-        slots = other.index.shape[1]
-        self.index[rows, slots:], self.weights[rows, :, slots:] = -1, 0.0
-        self.index[rows, :slots] = other.index
-        self.weights[rows, :, :slots] = other.weights
+        self.index[rows], self.weights[rows] = other.index, other.weights
         self.error[rows] = other.error
+
+    def most(self) -> int:
+        """Lobes of the texel that has most."""
+        return int((self.index >= 0).sum(1).max()) if self.index.numel() else 0
 
 
 def select_corrective(
@@ -85,7 +98,7 @@ def select_corrective(
     correlation: Tensor,
     energy: Tensor,
     *,
-    max_lobes: int,
+    max_lobes: int | None,
     min_gain: float | Tensor,
     floor: float = ENERGY_FLOOR,
 ) -> Selection:
@@ -100,8 +113,8 @@ def select_corrective(
     Args:
         gram: D^T D `[J, J]`; atoms need not have unit norm.
         correlation: D^T y `[T, J, C]`.
-        energy: ||y||^2 `[T, C]`.
-        max_lobes: most atoms of one texel, M.
+        energy: ||y||^2 of all channels, `[T]`.
+        max_lobes: most atoms of one texel, M; None: any number, M is the largest that occurs.
         min_gain: least relative decrease of the error that is worth one lobe, in [0, 1]; `[T]`
             float64 where it varies.
         floor: least decrease relative to the energy.
@@ -109,18 +122,15 @@ def select_corrective(
     Returns:
         Atoms, weights and remaining error of each texel, dtype of `correlation`.
     """
-    count, _, channels = correlation.shape
+    count, atoms, channels = correlation.shape
     energy = energy.double()
     by_channel = correlation.transpose(1, 2).contiguous()  # [T, C, J]
-    texels = _Texels(gram.to(correlation.dtype), by_channel, energy, min_gain, floor)
-    support = _Support(
-        torch.full((count, max_lobes), -1, dtype=torch.long, device=gram.device),
-        torch.zeros(count, channels, max_lobes, dtype=torch.float64, device=gram.device),
-        energy.clone(),
-    )
-    _select_forward(texels, support)
+    everywhere = torch.arange(count, device=gram.device)
+    texels = _Texels(gram.to(correlation.dtype), by_channel, energy, min_gain, floor, everywhere)
+    support = _select_forward(texels, atoms if max_lobes is None else max_lobes)
+    support = support.packed(support.most())
     _eliminate_backward(texels, support)
-    support = support.packed(max_lobes)
+    support = support.packed(support.most() if max_lobes is None else max_lobes)
     return Selection(
         support.index,
         support.weights.transpose(1, 2).to(correlation.dtype),
@@ -128,27 +138,30 @@ def select_corrective(
     )
 
 
-def _select_forward(texels: _Texels, support: _Support) -> None:
-    """Adds atoms, in place, until every texel has stopped."""
-    slots = support.index.shape[1]
-    rows = torch.arange(support.index.shape[0], device=support.index.device)
+def _select_forward(texels: _Texels, slots: int) -> _Support:
+    """Adds atoms until every texel has stopped; as wide as the rounds that this took."""
+    count, channels, _ = texels.correlation.shape
+    support = _Support(
+        texels.rows.new_zeros(count, 0),
+        texels.energy.new_zeros(count, channels, 0),
+        texels.energy.clone(),
+    )
     for step in range(ROUNDS_PER_SLOT * slots):
-        if not rows.numel():
+        if not texels.rows.numel():
             break
-        current = support.take(rows)
         # Free slots are filled from the front, so that the first rounds solve smaller systems.
-        used = min(step + 1, slots)
-        current = _Support(current.index[:, :used], current.weights[..., :used], current.error)
+        support = support.widened(min(step + 1, slots))
+        current = support.take(texels.rows)
         trial, possible = _add_atom(texels, current)
-        before = current.error.sum(-1)  # [T']
-        gain = before - trial.error.sum(-1)
-        kept = (possible & (gain > texels.least_gain(before))).nonzero()[:, 0]
-        texels, trial, rows = texels.take(kept), trial.take(kept), rows[kept]
+        gain = current.error - trial.error  # [T']
+        kept = (possible & (gain > texels.least_gain(current.error))).nonzero()[:, 0]
+        texels, trial = texels.take(kept), trial.take(kept)
         dead = (trial.weights == 0).all(1)  # [T', m]: lobes that the refit made useless
         trial.index.masked_fill_(dead, -1)
-        support.put(rows, trial)
-        free = (support.index[rows] < 0).any(-1).nonzero()[:, 0]
-        texels, rows = texels.take(free), rows[free]
+        support.put(texels.rows, trial)
+        if support.index.shape[1] == slots:
+            texels = texels.take((trial.index < 0).any(-1).nonzero()[:, 0])
+    return support
 
 
 def _add_atom(texels: _Texels, current: _Support) -> tuple[_Support, Tensor]:
@@ -169,12 +182,12 @@ def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
     norm = texels.gram.diagonal()  # [J]
     inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
     parts = []
-    for rows in torch.arange(len(current.index)).split(max(1, SLOPE_ENTRIES // (slots * atoms))):
-        part = slice(int(rows[0]), int(rows[-1]) + 1)
+    for part in slices(len(current.index), max(1, SLOPE_ENTRIES // (slots * atoms))):
         place = current.index[part].clamp_min(0)  # [t, m]; free slots have no weight
         lines = texels.gram.index_select(0, place.flatten()).view(*place.shape, atoms)
         weights = current.weights[part].to(lines.dtype)  # [t, C, m]
-        slope = torch.baddbmm(texels.correlation[part], weights, lines, alpha=-1)  # [t, C, J]
+        slope = texels.correlation.index_select(0, texels.rows[part])  # [t, C, J]
+        slope.baddbmm_(weights, lines, alpha=-1)
         score = slope.clamp_(min=0).square_().sum(1) * inverse  # [t, J]
         # The first atom stands for the free slots: it is put back unless it is in the support.
         first = torch.where((current.index[part] == 0).any(1), 0.0, score[:, 0])
@@ -185,13 +198,13 @@ def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
 
 
 def _refit(texels: _Texels, index: Tensor, guess: Tensor) -> _Support:
-    """NNLS of every channel on the support `[T, m]`, starting from the passive set `guess`."""
+    """NNLS of every channel on the support `[T', m]`, starting from the passive set `guess`."""
     place = index.clamp_min(0)
-    gram = texels.gram[place[:, :, None], place[:, None, :]].double()[:, None]  # [T, 1, m, m]
-    rhs = texels.correlation.gather(2, place[:, None].expand_as(guess)).double()  # [T, C, m]
-    weights = nnls_gram(gram, rhs, allowed=(index >= 0)[:, None], guess=guess)
-    product = (gram @ weights[..., None])[..., 0]
-    error = texels.energy + (weights * (product - 2 * rhs)).sum(-1)  # [T, C]
+    gram = texels.gram[place[:, :, None], place[:, None, :]].double()  # [T', m, m]
+    channel = torch.arange(guess.shape[1], device=place.device)[:, None]
+    rhs = texels.correlation[texels.rows[:, None, None], channel, place[:, None]].double()
+    weights = nnls_channels(gram, rhs, allowed=index >= 0, guess=guess)  # [T', C, m]
+    error = texels.energy[texels.rows] + (weights * (weights @ gram - 2 * rhs)).sum((1, 2))
     return _Support(index, weights, error.clamp_min(0))
 
 
@@ -201,25 +214,23 @@ def _eliminate_backward(texels: _Texels, support: _Support) -> None:
     Each round refits without the lobe of least lower bound on the raise, in the texels where that
     bound is within the limit.
     """
-    used = int((support.index >= 0).sum(1).max()) if support.index.numel() else 0
-    rows = torch.arange(support.index.shape[0], device=support.index.device)
+    used = support.index.shape[1]
     for _ in range(used):
-        current = support.take(rows).packed(used)
-        before = current.error.sum(-1)  # [T']
+        current = support.take(texels.rows).packed(used)
+        before = current.error  # [T']
         bound, slot = _raise_bound(texels.gram, current).min(1)  # [T'], inf at free slots
-        hopeful = (bound <= texels.take(rows).least_gain(before + bound)).nonzero()[:, 0]
+        hopeful = (bound <= texels.least_gain(before + bound)).nonzero()[:, 0]
         if not hopeful.numel():
             break
-        rows, current, before = rows[hopeful], current.take(hopeful), before[hopeful]
+        texels, current, before = texels.take(hopeful), current.take(hopeful), before[hopeful]
         removed = torch.zeros_like(current.index, dtype=torch.bool)
         removed.scatter_(1, slot[hopeful, None], True)  # [T', M]
-        here = texels.take(rows)
         guess = (current.weights > 0) & ~removed[:, None]
-        trial = _refit(here, current.index.masked_fill(removed, -1), guess)
-        after = trial.error.sum(-1)
-        dropped = (after - before <= here.least_gain(after)).nonzero()[:, 0]
-        rows = rows[dropped]
-        support.put(rows, trial.take(dropped))
+        trial = _refit(texels, current.index.masked_fill(removed, -1), guess)
+        raised = trial.error - before
+        dropped = (raised <= texels.least_gain(trial.error)).nonzero()[:, 0]
+        texels = texels.take(dropped)
+        support.put(texels.rows, trial.take(dropped))
 
 
 def _raise_bound(gram: Tensor, current: _Support) -> Tensor:

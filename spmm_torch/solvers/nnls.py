@@ -87,6 +87,44 @@ def nnls_gram(
     return result.reshape(*batch, atoms)
 
 
+def nnls_channels(
+    gram: Tensor, rhs: Tensor, *, allowed: Tensor, guess: Tensor | None = None
+) -> Tensor:
+    """`nnls_gram` of problems whose C channels share a Gram, fast where few weights are zero.
+
+    One factorization serves all channels of a problem. Channels in which its unconstrained
+    minimizer is not feasible are solved one by one.
+
+    Args:
+        gram: D^T D, `[B, J, J]`.
+        rhs: D^T y, `[B, C, J]` float64.
+        allowed: `[B, J]` bool; False holds a weight at zero in all channels.
+        guess: `[B, C, J]` bool; likely support of the solution, for speed only. Default: all
+            allowed.
+
+    Returns:
+        x `[B, C, J]` float64.
+    """
+    gram = gram.double()
+    norm = gram.diagonal(dim1=-2, dim2=-1)  # [B, J]
+    usable = allowed & (norm > 0)
+    matrix = torch.where(usable[:, :, None] & usable[:, None, :], gram, 0.0)
+    diagonal = torch.where(usable, norm * (1 + RIDGE), 1.0)
+    matrix.diagonal(dim1=-2, dim2=-1).copy_(diagonal)
+    factor, info = torch.linalg.cholesky_ex(matrix)
+    target = torch.where(usable[:, None], rhs, 0.0).transpose(1, 2)  # [B, J, C]
+    weights = torch.cholesky_solve(target, factor).transpose(1, 2)  # [B, C, J]
+    least = weights.amin(-1) if weights.shape[-1] else weights.new_zeros(weights.shape[:2])
+    rows, channels = ((least < 0) | (info != 0)[:, None]).nonzero(as_tuple=True)
+    if len(rows):
+        likely = weights[rows, channels] > 0
+        likely = likely if guess is None else likely & guess[rows, channels]
+        weights[rows, channels] = nnls_gram(
+            gram[rows], rhs[rows, channels], allowed=allowed[rows], guess=likely
+        )
+    return weights
+
+
 def kkt_violation(gram: Tensor, rhs: Tensor, x: Tensor, *, allowed: Tensor | None = None) -> Tensor:
     """Largest violation of the optimality conditions of `nnls_gram`, zero at a minimizer.
 

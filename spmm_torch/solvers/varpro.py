@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .nnls import nnls_gram
+from .nnls import nnls_channels
 
 # Marquardt's damping: its start, its bounds, and how it reacts to a good and a bad step.
 DAMPING_START, DAMPING_MIN, DAMPING_MAX = 1e-2, 1e-7, 1e7
@@ -136,8 +136,7 @@ def _evaluate(rho: Tensor, present: Tensor, signals: Tensor) -> _Fit:
     """Solves the weights of given basis functions `rho [S, M, D]`."""
     gram = (rho @ rho.transpose(1, 2)).double()  # [S, M, M]
     correlation = (signals @ rho.transpose(1, 2)).double()  # [S, C, M]
-    allowed = present[:, None].expand_as(correlation)
-    weights = nnls_gram(gram[:, None], correlation, allowed=allowed)  # [S, C, M]
+    weights = nnls_channels(gram, correlation, allowed=present)  # [S, C, M]
     error = signals - weights.to(rho.dtype) @ rho  # [S, C, D]
     return _Fit(weights, (error * error).sum((1, 2), dtype=torch.float64))
 

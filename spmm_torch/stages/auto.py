@@ -161,7 +161,7 @@ def held_out(btf: BTF, generator: torch.Generator) -> Tensor:
 
 def _products(btf: BTF, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
     return cluster_products(
-        lambda part: weights.values(btf, texels[part], atoms.device),
+        lambda part: weights.signals(btf, texels[part], atoms.device),
         [slice(0, len(texels))],
         (len(texels), btf.channels),
         atoms,

@@ -17,9 +17,9 @@ from ..weights import UNIFORM, Weights
 
 # Columns that the randomized sketch carries beyond the components asked for [HMT11, §4.2].
 OVERSAMPLING = 8
-# Values that are held as float32 at once while the data are passed over: 128 MB on a CPU, 2 GB on
+# Values that are held as float32 at once while the data are passed over: 64 MB on a CPU, 2 GB on
 # a GPU. The same whatever memory there is, so that sums round the same.
-CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES = 1 << 25, 1 << 29
+CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES = 1 << 24, 1 << 29
 
 # Share of a texel's norm that the float32 sums behind its coordinates may be off by, generously:
 # equal texels then stay equal whatever block they were in.
@@ -81,19 +81,20 @@ def principal_points(
     """
     width = btf.pair_count * btf.channels
     rank = min(components + OVERSAMPLING, btf.texel_count, width)
-    probe = torch.randn(width, rank, generator=generator).to(device)
+    probe = torch.randn(btf.pair_count, btf.channels, rank, generator=generator)
+    probe = probe.transpose(0, 1).reshape(width, rank).to(device)  # channels first, as signals
     blocks = list(slices(btf.texel_count, block_texels(btf, device)))
     mine = blocks[ranks.rank :: ranks.size]
     # In float64, so that the order of the blocks does not show.
     back = torch.zeros(width, rank, dtype=torch.float64, device=device)
     for block in mine:  # Y^T (Y probe), without keeping Y
-        values = _weighted(weights, weights.values(btf, block, device).flatten(1), block)
+        values = _weighted(weights, weights.signals(btf, block, device).flatten(1), block)
         back += values.T @ (values @ probe)
         advance(ranks.size * len(values))
     basis = torch.linalg.qr(ranks.sum(back).float()).Q  # [D C, rank], the right singular space
     points = torch.zeros(btf.texel_count, rank)
     for block in mine:
-        values = weights.values(btf, block, device).flatten(1)
+        values = weights.signals(btf, block, device).flatten(1)
         points[block] = (values @ basis).cpu()
         advance(ranks.size * len(values))
     points = ranks.sum(points)  # each row is zero on all ranks but one

@@ -154,7 +154,7 @@ class CorrectiveSearch:
         chosen = select_corrective(
             atoms @ atoms.T,
             (signals @ atoms.T).transpose(1, 2),
-            (signals * signals).sum(2, dtype=torch.float64),
+            self.energy[rows],
             max_lobes=self.config.max_lobes,
             min_gain=self.config.min_gain,
         )

@@ -62,7 +62,7 @@ def exact_errors(
     """Squared errors of a whole cluster, without and with its residual.
 
     Args:
-        load: gives the values `[m, D, C]` of some of this rank's n texels.
+        load: gives the values `[m, C, D]` of some of this rank's n texels.
         parts: blocks that cover them.
         fits: of the n texels, one after the other.
         atoms: `[J, D]`, of unit norm.
@@ -73,7 +73,7 @@ def exact_errors(
     weights = torch.cat([none, *(_dense(fit, len(atoms)) for fit in fits)])  # [n, C, J]
     total = torch.zeros(2, dtype=torch.float64)
     for part in parts:
-        error = load(part).transpose(1, 2) - weights[part] @ atoms  # [m, C, D]
+        error = load(part) - weights[part] @ atoms  # [m, C, D]
         for which, rest in enumerate((error, error - residual.T)):
             total[which] += rest.square().sum(dtype=torch.float64).cpu()
     without, with_residual = ranks.sum(total).tolist()

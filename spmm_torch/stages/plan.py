@@ -15,7 +15,7 @@ from .bank import SHAPES
 from .cluster import CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES, OVERSAMPLING
 from .corrective import CPU_SLOPES
 from .search import bank_normals
-from .texels import CPU_TEXELS
+from .solve import CPU_TEXELS
 
 FLOAT = 4
 # Copies of a block of values that are held at once: codes, values, channels first, a product.

@@ -1,4 +1,4 @@
-"""The products D^T y of the texels of a cluster: the only passes over their direction pairs."""
+"""The products D^T y of the texels of a cluster: the only pass over their direction pairs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..memory import scratch
 from ..ranks import ALONE, Ranks
 from .select import Products
 
-# Direction pairs that are summed in float32: few enough for 24 bits, enough for vector registers.
-RUN = 96
-Load = Callable[[slice], Tensor]  # values [m, D, C] of some of this rank's texels of the cluster
+# Direction pairs that are summed in float32: few enough for 24 bits, enough to be fast.
+RUN = 512
+Load = Callable[[slice], Tensor]  # values [m, C, D] of some of this rank's texels of the cluster
 
 
 def cluster_products(
@@ -22,6 +22,7 @@ def cluster_products(
     shape: tuple[int, int],
     atoms: Tensor,
     *,
+    points: Tensor | None = None,
     in_memory: bool = True,
     ranks: Ranks = ALONE,
     importance: Tensor | None = None,
@@ -30,9 +31,10 @@ def cluster_products(
 
     Args:
         load: gives the values of some of the n texels.
-        parts: blocks that cover them; each is loaded twice, but for a single one.
+        parts: blocks that cover them; each is loaded once.
         shape: (n, C).
         atoms: `[J, D]`, of unit norm.
+        points: principal coordinates of the n texels, `[n, P]`, for `Products.overlap`.
         in_memory: whether D^T y may lie in memory; else it goes to a scratch file.
         ranks: that share the cluster, n texels each or so.
         importance: weights of the n texels, `[n]`; None: 1.
@@ -42,30 +44,30 @@ def cluster_products(
     correlation = scratch((texels, len(atoms), channels), in_memory, device)
     energy = torch.zeros(texels, channels, dtype=torch.float64, device=device)
     total = torch.zeros(channels, atoms.shape[1], dtype=torch.float64, device=device)
-    signals = torch.empty(0)
     weight = None if importance is None else importance.to(energy)  # [n]
     for part in parts:
-        signals = _signals(load, part)
+        signals = load(part)
         correlation[part] = (signals @ atoms.T).transpose(1, 2).to(correlation.device)
-        energy[part] = _inner(signals, signals)
+        energy[part] = _squared_norms(signals)
         share = torch.ones(len(signals)).to(signals) if weight is None else weight[part].to(signals)
         total += torch.einsum("n,ncd->cd", share, signals)
     count, effective = _sizes(texels, weight, ranks)
-    mean = (ranks.sum(total) / count).to(atoms.dtype)  # [C, D]
-    overlap = torch.zeros_like(energy)
-    for part in parts:
-        if len(parts) > 1:
-            signals = _signals(load, part)
-        overlap[part] = _inner(signals, mean)
-    along = overlap if weight is None else overlap * weight[:, None]
+    mean = ranks.sum(total) / count  # [C, D]
+    mean_energy = mean.square().sum(1)
+    overlap = None
+    if points is not None:
+        points = points.to(energy)
+        weighted = points if weight is None else points * weight[:, None]
+        overlap = _overlap(points, ranks.sum(weighted.sum(0)) / count, mean_energy.sum())
+    mean_atoms = mean.to(atoms).T  # [D, C]
     return Products(
         gram=atoms @ atoms.T,
         correlation=correlation,
         energy=energy,
         overlap=overlap,
-        mean=mean.T,
-        mean_correlation=atoms @ mean.T,
-        mean_energy=ranks.sum(along.sum(0)) / count,
+        mean=mean_atoms,
+        mean_correlation=atoms @ mean_atoms,
+        mean_energy=mean_energy,
         count=count,
         effective=effective,
         importance=weight,
@@ -81,15 +83,16 @@ def _sizes(texels: int, weight: Tensor | None, ranks: Ranks) -> tuple[float, flo
     return float(sums[0]), float(sums[0] ** 2 / sums[1])
 
 
-def _inner(first: Tensor, second: Tensor) -> Tensor:
-    """<first, second> over the pairs of `[..., D]`, float64: short runs in their own type, summed.
+def _squared_norms(signals: Tensor) -> Tensor:
+    """||y||^2 of every texel and channel of `[m, C, D]`, float64: norms of short runs, summed."""
+    norms = [torch.linalg.vector_norm(run, dim=-1) for run in signals.split(RUN, dim=-1)]
+    return torch.stack(norms).double().square().sum(0)
 
-    As exact as the products with the atoms; to convert every value takes seven times as long.
+
+def _overlap(points: Tensor, centre: Tensor, mean_energy: Tensor) -> Tensor:
+    """<y, mean y> of every texel, `[n]`, by coordinates `[n, P]` and their mean `[P]`.
+
+    What the coordinates leave out is nearly orthogonal to the mean of many texels: each texel gets
+    the average of it, which is known.
     """
-    pairs = zip(first.split(RUN, dim=-1), second.split(RUN, dim=-1), strict=True)
-    return torch.stack([(a * b).sum(-1) for a, b in pairs]).sum(0, dtype=torch.float64)
-
-
-def _signals(load: Load, part: slice) -> Tensor:
-    """Values of some texels, channels first: `[m, C, D]`."""
-    return load(part).transpose(1, 2).contiguous()
+    return points @ centre + (mean_energy - centre.square().sum())

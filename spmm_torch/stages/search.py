@@ -59,8 +59,7 @@ def search_lobes(
     feasible = Feasible.build(search.min_width * grid.spacing)
     bank = build_bank(grid, search.models, bank_normals(search, len(texels)), feasible)
     fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
-    signals = weights.values(btf, texels, grid.light.device)
-    signals = signals.transpose(1, 2).contiguous()  # [S, C, D]
+    signals = weights.signals(btf, texels, grid.light.device)  # [S, C, D]
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
             grid, bank, feasible, search, config.stagewise, signals, generator

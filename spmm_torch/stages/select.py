@@ -14,7 +14,7 @@ from torch import Tensor
 from ..config import SelectConfig, StagewiseConfig
 from ..solvers.corrective import select_corrective
 from ..solvers.lasso import lasso_threshold, stagewise_lasso
-from ..solvers.nnls import nnls_gram
+from ..solvers.nnls import nnls_channels
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,14 @@ class Products:
         gram: D^T D, `[J, J]`.
         correlation: D^T y, `[n, J, C]`.
         energy: ||y||^2, `[n, C]` float64.
-        overlap: <y, mean y>, `[n, C]` float64.
         mean: mean y over the whole cluster, `[D, C]`.
         mean_correlation: D^T mean y, `[J, C]`.
         mean_energy: ||mean y||^2, `[C]` float64.
         count: N, or the sum of the weights of the N texels.
         effective: N, or how many texels of equal weights say as much [Kis65].
         importance: the weights of the n texels, `[n]` float64; None: 1.
+        overlap: <y, mean y> summed over channels, `[n]` float64, nearly; None where no residual
+            is fit beside the lobes.
 
     References:
         [Kis65] Kish, Survey Sampling, 1965, section 8.2.
@@ -40,13 +41,13 @@ class Products:
     gram: Tensor
     correlation: Tensor
     energy: Tensor
-    overlap: Tensor
     mean: Tensor
     mean_correlation: Tensor
     mean_energy: Tensor
     count: float
     effective: float
     importance: Tensor | None = None
+    overlap: Tensor | None = None
 
     def part(self, texels: slice) -> Products:
         """The same of some of the n texels; the cluster stays the same."""
@@ -54,7 +55,7 @@ class Products:
             self,
             correlation=self.correlation[texels].to(self.gram.device),
             energy=self.energy[texels],
-            overlap=self.overlap[texels],
+            overlap=None if self.overlap is None else self.overlap[texels],
             importance=None if self.importance is None else self.importance[texels],
         )
 
@@ -102,12 +103,11 @@ def select(
         return Fit(torch.zeros(empty.shape[:2], dtype=torch.long, device=empty.device), empty)
     if config.method == "stagewise":
         return _select_stagewise(products, target, config, stagewise)
-    limit = config.max_lobes or products.gram.shape[0]
     chosen = select_corrective(
         products.gram,
         target.correlation,
-        target.energy,
-        max_lobes=min(limit, products.gram.shape[0]),
+        target.energy.sum(1),
+        max_lobes=config.max_lobes,
         min_gain=products.least_gain(config.min_gain),
     )
     return _compact(Fit(chosen.index, chosen.weights.to(products.correlation.dtype)))
@@ -119,7 +119,7 @@ class Target:
 
     Attributes:
         correlation: D^T target, `[n, J, C]`.
-        energy: ||target||^2, `[n, C]`.
+        energy: ||target||^2, `[n, C]`; which channel has how much of it is that of y.
     """
 
     correlation: Tensor
@@ -136,18 +136,24 @@ def target_beside_residual(products: Products, mean: Tensor | None, share: float
         products: of the texels.
         mean: weight of every atom, mean over the cluster, `[J, C]`; None: zeros, so that the
             residual is the cluster's mean.
-        share: of the residual, 0 to 1.
+        share: of the residual, 0 to 1; more than 0 needs the overlap of the products.
     """
     if share == 0.0:
         return Target(products.correlation, products.energy)
+    if products.overlap is None:
+        raise ValueError("products without the overlap of texels and their mean have no residual")
     if mean is None:
         mean = torch.zeros_like(products.mean_correlation)
     mean = mean.to(products.gram.dtype)
     residual = products.mean_correlation - products.gram @ mean  # D^T residual, [J, C]
-    along = products.overlap - torch.einsum("njc,jc->nc", products.correlation, mean).double()
-    own = products.mean_energy - ((products.mean_correlation + residual) * mean).sum(0).double()
-    energy = products.energy - 2.0 * share * along + share * share * own
-    return Target(products.correlation - share * residual, energy.clamp(min=0.0))
+    of_mean = torch.einsum("njc,jc->n", products.correlation, mean).double()
+    along = products.overlap - of_mean  # <y, residual>, [n]
+    own = products.mean_energy.sum()
+    own = own - ((products.mean_correlation + residual) * mean).sum().double()
+    before = products.energy.sum(1)
+    energy = (before - 2.0 * share * along + share * share * own).clamp(min=0.0)
+    part = torch.where(before > 0.0, energy / before, 0.0)
+    return Target(products.correlation - share * residual, products.energy * part[:, None])
 
 
 def refit(products: Products, fit: Fit, target: Target) -> Fit:
@@ -158,10 +164,7 @@ def refit(products: Products, fit: Fit, target: Target) -> Fit:
     gram = products.gram[slots[:, :, None], slots[:, None, :]]  # [n, M, M]
     channels = fit.weights.shape[2]
     rhs = target.correlation.gather(1, slots[..., None].expand(-1, -1, channels))  # [n, M, C]
-    allowed = (fit.index >= 0)[:, None].expand(-1, channels, -1)
-    weights = nnls_gram(
-        gram[:, None].double(), rhs.transpose(1, 2).double(), allowed=allowed
-    )  # [n, C, M]
+    weights = nnls_channels(gram, rhs.transpose(1, 2).double(), allowed=fit.index >= 0)
     return _compact(Fit(fit.index, weights.transpose(1, 2).to(fit.weights.dtype)))
 
 

@@ -1,14 +1,17 @@
-"""Stages select, refit and residual over all texels, one cluster at a time [WDR11 §4.1]."""
+"""Stages select, refit and residual over all texels, one cluster at a time [WDR11 §4.1].
+
+Of a large cluster some texels, the pilot, are fit first: the others choose from the lobes that
+those chose, beside the residual that those left.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from ..checkpoint import Checkpoint
+from ..checkpoint import Checkpoint, stage_generator
 from ..config import FitConfig
 from ..data import BTF
 from ..memory import slices
@@ -21,23 +24,10 @@ from .dictionary import Dictionary
 from .exact import exact_where_doubtful
 from .missing import MissingPairs
 from .products import Load, cluster_products
-from .select import (
-    Fit,
-    Products,
-    refit,
-    residual_share,
-    select,
-    squared_errors,
-    taken_by_residual,
-    target_beside_residual,
-)
+from .select import Products
+from .solve import ClusterProblem, Solution, Start, selection_blocks
 from .tally import Tally, WeightedTally, tally_uniform
 
-# Texels that are selected for at once, so that the sums over their atoms take little memory; the
-# same whatever memory there is.
-CPU_TEXELS, CUDA_TEXELS = 1 << 11, 1 << 16
-# Share of the energy that rounding in float32 may leave of texels that their mean fits exactly.
-ROUNDING = 1e-6
 PRECISIONS = {"float16": torch.float16, "float32": torch.float32}
 
 
@@ -88,6 +78,7 @@ class Setting:
 
     Attributes:
         btf: the input.
+        points: principal coordinates of the texels, `[T, P]`.
         dictionary: all lobes.
         config: of the fit.
         watch: tells the time by stage.
@@ -98,6 +89,7 @@ class Setting:
     """
 
     btf: BTF
+    points: Tensor
     dictionary: Dictionary
     config: FitConfig
     watch: Stopwatch
@@ -127,11 +119,13 @@ def fit_texels(
 def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     dictionary, watch, ranks = setting.dictionary, setting.watch, setting.ranks
     where = dictionary.choices[cluster].to(dictionary.atoms.device)
-    atoms = dictionary.atoms[where]
+    start = None
+    if setting.config.select.pilot is not None and len(texels) > setting.config.select.pilot:
+        pilot = _solved(setting, _pilot(setting, cluster, texels), where)[1]
+        used = torch.nonzero(pilot.chosen).squeeze(1)
+        where, start = where[used], pilot.start.of(used)
     own = ranks.share(texels)
-    with watch("select"):
-        products = _products(setting, own, atoms, setting.weights)
-    fit = ClusterProblem(products, setting.config, watch, ranks).solve()
+    products, fit = _solved(setting, texels, where, start)
     with watch("residual"):
         tally = _tally(setting, own, where, products, fit)
     index, weights = _joined([pair for part in ranks.gather(fit.on_cpu()) for pair in part])
@@ -140,13 +134,31 @@ def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     return ClusterFit(lobe, weights, tally.code, tally.scale, tally.totals, tally.weighted)
 
 
+def _pilot(setting: Setting, cluster: int, texels: Tensor) -> Tensor:
+    """Some of a cluster's texels, at random."""
+    generator = stage_generator(setting.config.seed, f"pilot-{cluster}")
+    order = torch.randperm(len(texels), generator=generator)
+    return texels[order[: setting.config.select.pilot].sort().values]
+
+
+def _solved(
+    setting: Setting, texels: Tensor, where: Tensor, start: Start | None = None
+) -> tuple[Products, Solution]:
+    """This rank's share of some texels of a cluster, fit with the lobes `where [J]`."""
+    ranks, watch = setting.ranks, setting.watch
+    with watch("select"):
+        atoms = setting.dictionary.atoms[where]
+        products = _products(setting, ranks.share(texels), atoms, setting.weights)
+    return products, ClusterProblem(products, setting.config, watch, ranks).solve(start)
+
+
 def _passes(
     setting: Setting, texels: Tensor, device: torch.device, weights: Weights
 ) -> tuple[Load, list[slice]]:
     """How to load some of `texels`, scaled by weights, and in which blocks."""
     btf = setting.btf
     blocks = list(slices(len(texels), block_texels(btf, device)))
-    return lambda part: weights.values(btf, texels[part], device), blocks
+    return lambda part: weights.signals(btf, texels[part], device), blocks
 
 
 def _tally(
@@ -166,7 +178,7 @@ def _tally(
     plain = _products(setting, texels, seen, UNIFORM)
     scale = setting.weights.scale(atoms.device)
     weighted = WeightedTally(products, atoms, plain, raw, scale, measured, setting.gaps)
-    blocks = list(zip(_blocks(products), fit.fits, strict=True))
+    blocks = list(zip(selection_blocks(products), fit.fits, strict=True))
     return weighted.tally(fit.mean, blocks, precision, setting.ranks)
 
 
@@ -182,16 +194,11 @@ def _products(setting: Setting, texels: Tensor, atoms: Tensor, weights: Weights)
         blocks,
         (len(texels), btf.channels),
         atoms,
+        points=setting.points[texels] if setting.config.residual.joint else None,
         in_memory=size <= setting.spare,
         ranks=setting.ranks,
         importance=weights.of_texels(texels, atoms.device),
     )
-
-
-def _blocks(products: Products) -> list[slice]:
-    """Blocks of texels that are selected for at once."""
-    size = CUDA_TEXELS if products.gram.device.type == "cuda" else CPU_TEXELS
-    return list(slices(len(products.energy), size))
 
 
 def _joined(parts: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
@@ -201,97 +208,3 @@ def _joined(parts: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
     index = [pad(index, (0, slots - index.shape[1]), value=-1) for index, _ in parts]
     weights = [pad(part, (0, 0, 0, slots - part.shape[1])) for _, part in parts]
     return torch.cat(index), torch.cat(weights)
-
-
-@dataclass(frozen=True)
-class Solution:
-    """The fits of this rank's texels, and what they make of the whole cluster.
-
-    Attributes:
-        fits: block by block.
-        mean: weight of every atom, mean over the cluster, `[J, C]` float64.
-        error: squared error of the lobes alone.
-        taken: how much of it the residual takes away.
-    """
-
-    fits: list[Fit]
-    mean: Tensor
-    error: float
-    taken: float
-
-    def on_cpu(self) -> list[tuple[Tensor, Tensor]]:
-        """Index and weights of every block."""
-        return [(fit.index.cpu(), fit.weights.cpu()) for fit in self.fits]
-
-
-@dataclass(frozen=True)
-class ClusterProblem:
-    """The sparse fit of one cluster; its texels are independent but for their residual."""
-
-    products: Products
-    config: FitConfig
-    watch: Stopwatch
-    ranks: Ranks
-
-    def solve(self) -> Solution:
-        """Fits the lobes alone, then, if settings want it, again beside the residual.
-
-        If even so the residual leaves more error than the bare mean of the cluster, the weights
-        are fit to the deviations from that mean: from there every turn can only improve.
-        """
-        products = self.products
-        found = self._solution(self._each("select", self._select(None, 0.0)))
-        if not self.config.residual.joint:
-            return found
-        share = residual_share(found.error, found.taken, products.effective)
-        found = self._alternate(found.mean, share)
-        energy = float(self.ranks.sum(products.total(products.energy)))
-        of_mean = energy - products.count * float(products.mean_energy.sum())
-        if found.error - found.taken > of_mean + ROUNDING * energy:
-            found = self._alternate(None, 1.0)
-        return found
-
-    def _alternate(self, mean: Tensor | None, share: float) -> Solution:
-        """Selects beside the residual that `mean` weights leave, then fits both in turn."""
-        found = self._solution(self._each("select", self._select(mean, share)))
-        for _ in range(self.config.residual.alternations):
-            found = self._solution(self._each("refit", self._refit(found, share)))
-        return found
-
-    def _select(self, mean: Tensor | None, share: float) -> Callable[[int, Products], Fit]:
-        def step(_: int, part: Products) -> Fit:
-            target = target_beside_residual(part, mean, share)
-            return select(part, target, self.config.select, self.config.stagewise)
-
-        return step
-
-    def _refit(self, found: Solution, share: float) -> Callable[[int, Products], Fit]:
-        def step(block: int, part: Products) -> Fit:
-            target = target_beside_residual(part, found.mean, share)
-            return refit(part, found.fits[block], target)
-
-        return step
-
-    def _each(self, stage: str, step: Callable[[int, Products], Fit]) -> list[tuple[Fit, float]]:
-        """A step of a stage on every block of texels: its fit, and the error that this leaves."""
-        results = []
-        for block, texels in enumerate(_blocks(self.products)):
-            part = self.products.part(texels)
-            with self.watch(stage):
-                fit = step(block, part)
-            with self.watch("evaluate"):
-                results.append((fit, float(part.total(squared_errors(part, fit)))))
-        return results
-
-    def _solution(self, results: list[tuple[Fit, float]]) -> Solution:
-        """What the fits of all blocks on all ranks make together."""
-        atoms, channels = self.products.mean_correlation.shape
-        total = torch.zeros(atoms, channels, dtype=torch.float64, device=self.products.gram.device)
-        for texels, (fit, _) in zip(_blocks(self.products), results, strict=True):
-            own = self.products.importance
-            total += fit.total_weights(atoms, None if own is None else own[texels])
-        mean = self.ranks.sum(total) / self.products.count
-        own = torch.tensor(sum(error for _, error in results), dtype=torch.float64)
-        error = float(self.ranks.sum(own))
-        taken = taken_by_residual(self.products, mean)
-        return Solution([fit for fit, _ in results], mean, error, taken)

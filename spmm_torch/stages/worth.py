@@ -75,7 +75,7 @@ def _groups(
     for cluster in torch.unique(owner).tolist():
         own, choice = texels[owner == cluster], dictionary.choices[cluster]
         products = cluster_products(
-            lambda part, own=own: weights.values(btf, own[part], device),
+            lambda part, own=own: weights.signals(btf, own[part], device),
             [slice(0, len(own))],
             (len(own), btf.channels),
             dictionary.atoms[choice.to(device)],

@@ -47,5 +47,5 @@ def mean_values(btf: BTF, device: torch.device, ranks: Ranks = ALONE) -> Tensor:
     total = torch.zeros(btf.pair_count, dtype=torch.float64, device=device)
     blocks = list(slices(btf.texel_count, block_texels(btf, device)))
     for block in blocks[ranks.rank :: ranks.size]:
-        total += btf.texels(block, device).sum((0, 2), dtype=torch.float64)
+        total += btf.signals(block, device).sum((0, 1), dtype=torch.float64)
     return ranks.sum(total).cpu() / (btf.texel_count * btf.channels)

@@ -62,7 +62,7 @@ def test_selection_takes_one_of_two_that_are_alike() -> None:
     chosen = select_corrective(
         stored @ stored.T,
         (y @ stored.T)[..., None],
-        y.square().sum(1, dtype=torch.float64)[:, None],
+        y.square().sum(1, dtype=torch.float64),
         max_lobes=6,
         min_gain=0.001,
     )

@@ -29,7 +29,7 @@ def select(design: Tensor, data: Tensor, max_lobes: int = 6, min_gain: float = 1
     return select_corrective(
         design.T @ design,
         torch.einsum("dj,tdc->tjc", design, data),
-        data.square().sum(1),
+        data.square().sum((1, 2)),
         max_lobes=max_lobes,
         min_gain=min_gain,
     )
@@ -64,7 +64,7 @@ def test_error_is_the_direct_one_and_weights_are_optimal(max_lobes: int) -> None
     found = select(design, data, max_lobes=max_lobes)
     dense = densify(found, 20)
     direct = (data - torch.einsum("dj,tjc->tdc", design, dense)).square().sum(1)
-    torch.testing.assert_close(found.error, direct, rtol=1e-9, atol=1e-9)
+    torch.testing.assert_close(found.error, direct.sum(1), rtol=1e-9, atol=1e-9)
     gram = design.T @ design
     rhs = torch.einsum("dj,tdc->tcj", design, data)
     allowed = (dense > 0).any(-1)[:, None].expand_as(rhs)
@@ -107,7 +107,7 @@ def test_never_worse_than_plain_greedy() -> None:
     residual = data - torch.einsum("dj,tcj->tdc", design, weights)
     greedy = residual.square().sum((1, 2))
     # Texels stop early only where an atom gives less than the floor of 1e-6 of the energy.
-    assert (found.error.sum(1) <= greedy + 6e-6 * data.square().sum((1, 2))).all()
+    assert (found.error <= greedy + 6e-6 * data.square().sum((1, 2))).all()
 
 
 def test_backward_elimination_drops_the_misleading_first_atom() -> None:
@@ -132,7 +132,7 @@ def test_gain_limit_holds_for_every_kept_lobe() -> None:
         without = nnls_gram(design.T @ design, rhs[texel], allowed=allowed[:, None])
         residual = data[texel] - torch.einsum("dj,tcj->tdc", design, without)
         error = residual.square().sum((1, 2))
-        assert (error - found.error[texel].sum(1) > 0.1 * error * (1 - 1e-9)).all()
+        assert (error - found.error[texel] > 0.1 * error * (1 - 1e-9)).all()
 
 
 def test_degenerate_problems() -> None:

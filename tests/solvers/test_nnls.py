@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from torch import Tensor
 
 from spmm_torch.solvers import nnls as module
-from spmm_torch.solvers.nnls import kkt_violation, nnls_gram
+from spmm_torch.solvers.nnls import kkt_violation, nnls_channels, nnls_gram
 
 
 def make_problem(
@@ -136,3 +136,19 @@ def test_units_of_atoms_and_target_do_not_matter() -> None:
     unit = torch.tensor([1e-6, 1.0, 1e3, 1e6], dtype=torch.float64)
     scaled = nnls_gram(gram * unit[:, None] * unit, 1e-5 * rhs * unit)
     torch.testing.assert_close(scaled * unit * 1e5, nnls_gram(gram, rhs), rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_channels_of_one_gram(correlation: float) -> None:
+    """One factorization for all channels, where it will do, gives what each alone gives."""
+    design, target = make_problem(30, 20, 6, correlation)
+    gram, first = to_gram(design, target)
+    rhs = torch.stack([first, first.abs(), gram.sum(-1)], dim=1)  # the last one needs no zeros
+    allowed = torch.rand(30, 6, generator=torch.Generator().manual_seed(1)) > 0.2
+    gram[0, 2], gram[0, :, 2], rhs[0, :, 2] = 0.0, 0.0, 0.0  # an atom that is zero
+    found = nnls_channels(gram, rhs, allowed=allowed)
+    expected = nnls_gram(gram[:, None], rhs, allowed=allowed[:, None])
+    torch.testing.assert_close(found, expected, rtol=1e-7, atol=1e-9)
+    assert (found == 0).any(-1).any()
+    nothing = nnls_channels(gram[:, :0, :0], rhs[..., :0], allowed=allowed[:, :0])
+    assert nothing.shape == (30, 3, 0)

@@ -42,7 +42,7 @@ def test_true_errors(noise: float, size: int) -> None:
     case = nearly_exact(noise)
     values, atoms, fits, residual = case
     parts = [slice(i, min(i + size, TEXELS)) for i in range(0, TEXELS, size)]
-    found = exact_errors(lambda part: values[part], parts, fits, atoms, residual)
+    found = exact_errors(lambda part: values.transpose(1, 2)[part], parts, fits, atoms, residual)
     assert list(found) == pytest.approx(written_out(*case), rel=0.01)
 
 
@@ -50,7 +50,9 @@ def test_the_gram_algebra_could_not_tell() -> None:
     """Why there is a pass more: 100 dB are lost in the rounding of the products."""
     values, atoms, fits, residual = case = nearly_exact(1e-6)
     whole = [slice(0, TEXELS)]
-    products = cluster_products(lambda part: values[part], whole, (TEXELS, CHANNELS), atoms)
+    products = cluster_products(
+        lambda part: values.transpose(1, 2)[part], whole, (TEXELS, CHANNELS), atoms
+    )
     fit = Fit(torch.cat([f.index for f in fits]), torch.cat([f.weights for f in fits]))
     truth, _ = written_out(*case)
     by_gram = float(squared_errors(products, fit).sum())

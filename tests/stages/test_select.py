@@ -28,7 +28,14 @@ def case(seed: int = 0) -> tuple[Tensor, Tensor, Products]:
     atoms = atoms / atoms.norm(dim=1, keepdim=True)
     values = torch.rand(TEXELS, PAIRS, CHANNELS, generator=generator)
     parts = [slice(0, 5), slice(5, TEXELS)]
-    return atoms, values, cluster_products(lambda p: values[p], parts, (TEXELS, CHANNELS), atoms)
+    products = cluster_products(
+        lambda p: values.transpose(1, 2)[p],
+        parts,
+        (TEXELS, CHANNELS),
+        atoms,
+        points=values.flatten(1),
+    )
+    return atoms, values, products
 
 
 def mean_weights(fit: Fit) -> Tensor:
@@ -72,7 +79,7 @@ def test_target_equals_values_minus_residual(share: float) -> None:
     target = target_beside_residual(products, mean_weights(fit), share)
     expected = torch.einsum("jd,ndc->njc", atoms, direct)
     assert torch.allclose(target.correlation, expected, atol=1e-4)
-    assert torch.allclose(target.energy.float(), direct.square().sum(1), rtol=1e-3)
+    assert torch.allclose(target.energy.sum(1).float(), direct.square().sum((1, 2)), rtol=1e-3)
 
 
 def test_alternation_around_the_mean_never_leaves_more_than_the_mean() -> None:

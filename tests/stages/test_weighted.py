@@ -40,7 +40,14 @@ def whole_numbers(count: int, low: int) -> Tensor:
 def products_of(values: Tensor, lobes: Tensor, importance: Tensor | None = None) -> Products:
     parts = [slice(0, 4), slice(4, len(values))]
     shape = (len(values), CHANNELS)
-    return cluster_products(lambda p: values[p], parts, shape, lobes, importance=importance)
+    return cluster_products(
+        lambda p: values.transpose(1, 2)[p],
+        parts,
+        shape,
+        lobes,
+        points=values.flatten(1),
+        importance=importance,
+    )
 
 
 def scaled(values: Tensor, lobes: Tensor, pair: Tensor) -> tuple[Tensor, Tensor]:

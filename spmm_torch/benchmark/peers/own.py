@@ -72,12 +72,13 @@ def _search(problem: Problem) -> Row:
 def _selection(problem: Problem) -> Row:
     config, atoms = shipped(DEFAULT, problem.scope.overrides), problem.atoms
     values = problem.values[problem.some_texels(problem.scope.dictionary_texels)]
-    count, _, channels = values.shape
+    signals = values.transpose(1, 2).contiguous()  # [n, C, D]
+    count, channels, _ = signals.shape
 
     @torch.no_grad()
     def work() -> tuple[Products, Fit]:
         whole = [slice(0, count)]
-        products = cluster_products(lambda part: values[part], whole, (count, channels), atoms)
+        products = cluster_products(lambda part: signals[part], whole, (count, channels), atoms)
         target = target_beside_residual(products, None, 0.0)
         return products, select(products, target, config.select, config.stagewise)
 

@@ -89,10 +89,22 @@ class FactorStore:
         Raises:
             DataError: a factor or a value is not finite, or the file has changed.
         """
-        if isinstance(index, Tensor):
-            index = index.cpu()
-        texels = self._texels if index is None else self._texels[index]
-        return self._expand(texels, 0, len(self._pairs), torch.device(device))
+        texels = self._chosen(index)
+        shape = (len(texels), len(self._pairs), CHANNELS)
+        return self._expand(texels, 0, torch.empty(shape, device=device))
+
+    def signals(
+        self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
+    ) -> Tensor:
+        """The same channels first, `[n, C, D]`.
+
+        Raises:
+            DataError: as for `texels`.
+        """
+        texels = self._chosen(index)
+        values = torch.empty((len(texels), CHANNELS, len(self._pairs)), device=device)
+        self._expand(texels, 0, values.transpose(1, 2))
+        return values
 
     def pairs(self, start: int, stop: int) -> Tensor:
         """Linear values `[T, stop - start, C]` float32 of consecutive pairs, on the CPU.
@@ -100,24 +112,30 @@ class FactorStore:
         Raises:
             DataError: as for `texels`.
         """
-        return self._expand(self._texels, start, stop, torch.device("cpu"))
+        shape = (len(self._texels), stop - start, CHANNELS)
+        return self._expand(self._texels, start, torch.empty(shape))
 
-    def _expand(self, texels: Tensor, start: int, stop: int, device: torch.device) -> Tensor:
-        """Values `[n, stop - start, C]` of texels of the file under pairs of this store."""
-        left = self._left_factors(device)
-        values = torch.empty((len(texels), stop - start, CHANNELS), device=device)
+    def _expand(self, texels: Tensor, start: int, values: Tensor) -> Tensor:
+        """Fills `values [n, D', C]`: texels of the file under pairs of this store from `start`."""
+        left = self._left_factors(values.device)
         if values.numel() == 0:
             return values
         with self._open() as stream:
             for part, out in zip(texels.split(READ_TEXELS), values.split(READ_TEXELS), strict=True):
                 rows = self._file_rows(part.numpy())
                 right = [
-                    finite_rows(stream, factors.right, rows).to(device)
+                    finite_rows(stream, factors.right, rows).to(values.device)
                     for factors in self._layout.factors
                 ]
                 if not multiply(right, left, start, out) < torch.inf:  # NaN is not, either
                     raise self._not_finite(part, start, out)
         return values
+
+    def _chosen(self, index: Tensor | slice | None) -> Tensor:
+        """The texels of the file that an index names."""
+        if isinstance(index, Tensor):
+            index = index.cpu()
+        return self._texels if index is None else self._texels[index]
 
     def _not_finite(self, texels: Tensor, start: int, values: Tensor) -> DataError:
         texel, pair, channel = (int(i) for i in (~values.isfinite()).nonzero()[0])
