@@ -246,15 +246,16 @@ def test_block_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_lobes_of_a_pilot_serve_the_whole_cluster() -> None:
-    """Half of the planted texels choose; the others find the lobes that they need among those."""
-    btf, counts = planted_btf()
+    """Two thirds of the texels choose; the others do nearly as well with the lobes of those."""
+    btf = noisy(6, 6)
     whole, piloted = (
         fit(btf, small(cluster={"count": 1}, select={"pilot": pilot}), render=False)
-        for pilot in (None, SIDE * SIDE // 2)
+        for pilot in (None, 24)
     )
-    assert len(piloted.model.weight) >= sum(counts)  # a lobe or more for each planted one
+    assert piloted.report["total_basis"] <= whole.report["total_basis"]
     for name in ("without_residual", "with_residual"):
-        assert piloted.report["snr_db"][name] > whole.report["snr_db"][name] - 1.0
+        found, best = (result.report["snr_db"][name] for result in (piloted, whole))
+        assert best - 0.2 < found != best
     check_errors(btf, piloted)
 
 
