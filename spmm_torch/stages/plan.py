@@ -18,7 +18,7 @@ from .search import bank_normals
 from .solve import CPU_TEXELS
 
 FLOAT = 4
-# Copies of a block of values that are held at once: codes, values, channels first, a product.
+# Copies of a block that are held at once: codes, codes channels first, values, a product.
 BLOCK_COPIES = 4
 # Copies of the samples, of the bank and of the batch of slopes that the search holds.
 SAMPLE_COPIES, BANK_COPIES, SLOPE_COPIES = 6, 2, 8

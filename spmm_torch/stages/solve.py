@@ -49,7 +49,7 @@ class Start:
 
 
 # The lobes without a residual beside them, and with all of the mean.
-ALONE, DEVIATIONS = Start(None, 0.0), Start(None, 1.0)
+LOBES_ALONE, DEVIATIONS = Start(None, 0.0), Start(None, 1.0)
 
 
 def selection_blocks(products: Products) -> list[slice]:
@@ -104,7 +104,7 @@ class ClusterProblem:
         """
         products, found = self.products, None
         if start is None or not self.config.residual.joint:
-            found = self._solution(ALONE, self._each("select", self._select(ALONE)))
+            found = self._solution(LOBES_ALONE, self._each("select", self._select(LOBES_ALONE)))
             if not self.config.residual.joint:
                 return found
             share = residual_share(found.error, found.taken, products.effective)

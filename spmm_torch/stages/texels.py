@@ -119,9 +119,9 @@ def fit_texels(
 def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     dictionary, watch, ranks = setting.dictionary, setting.watch, setting.ranks
     where = dictionary.choices[cluster].to(dictionary.atoms.device)
-    start = None
-    if setting.config.select.pilot is not None and len(texels) > setting.config.select.pilot:
-        pilot = _solved(setting, _pilot(setting, cluster, texels), where)[1]
+    start, size = None, setting.config.select.pilot
+    if size is not None and len(texels) > size:
+        _, pilot = _solved(setting, _pilot(setting, cluster, texels, size), where)
         used = torch.nonzero(pilot.chosen).squeeze(1)
         where, start = where[used], pilot.start.of(used)
     own = ranks.share(texels)
@@ -134,11 +134,11 @@ def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     return ClusterFit(lobe, weights, tally.code, tally.scale, tally.totals, tally.weighted)
 
 
-def _pilot(setting: Setting, cluster: int, texels: Tensor) -> Tensor:
-    """Some of a cluster's texels, at random."""
+def _pilot(setting: Setting, cluster: int, texels: Tensor, size: int) -> Tensor:
+    """So many of a cluster's texels, at random."""
     generator = stage_generator(setting.config.seed, f"pilot-{cluster}")
     order = torch.randperm(len(texels), generator=generator)
-    return texels[order[: setting.config.select.pilot].sort().values]
+    return texels[order[:size].sort().values]
 
 
 def _solved(
