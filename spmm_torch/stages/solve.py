@@ -12,6 +12,7 @@ from ..config import FitConfig
 from ..memory import slices
 from ..ranks import Ranks
 from ..stopwatch import Stopwatch
+from .exact import DOUBTFUL
 from .select import (
     Fit,
     Products,
@@ -26,8 +27,6 @@ from .select import (
 # Texels that are selected for at once, so that the sums over their atoms take little memory; the
 # same whatever memory there is.
 CPU_TEXELS, CUDA_TEXELS = 1 << 11, 1 << 16
-# Share of the energy that rounding in float32 may leave of texels that their mean fits exactly.
-ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,8 @@ class ClusterProblem:
         found = self._alternate(start, found)
         energy = float(self.ranks.sum(products.total(products.energy)))
         of_mean = energy - products.count * float(products.mean_energy.sum())
-        if found.error - found.taken > of_mean + ROUNDING * energy:
+        # Where rounding alone makes the difference, of equal texels say, lobes must not be lost.
+        if found.error - found.taken > of_mean + DOUBTFUL * energy:
             found = self._alternate(DEVIATIONS, found)
         return found
 
