@@ -163,7 +163,7 @@ class SelectConfig:
     )
     max_lobes: int | None = setting(None, "lobes a texel at most; null: no limit", low=1)
     min_gain: float = setting(
-        0.006, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
+        0.005, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
     )
     pilot: int | None = setting(
         256,

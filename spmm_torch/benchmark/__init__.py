@@ -10,7 +10,7 @@ is not finite is null, a part that was not asked for is missing:
     protocol: repeats (at most), patience_seconds (no repeat after so long), overrides (settings
         changed for all fits, in a small benchmark).
     default: the fit with default settings, a FIT.
-    sweep: rows [FIT + name, group, changes, mean_snr_db, on_front {seconds, bytes}].
+    sweep: rows [FIT + name, group, changes, mean_snr_db, on_front {seconds, bytes, both}].
     peers: rows [peer, name, group (whole, search, selection), texels (measured on), seconds (a
         TIME, from decoded values), snr_db, bytes (null: of a part), mean_basis_per_texel, note],
         skipped [peer, reason].

@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 
-def pareto_front(costs: Sequence[float], qualities: Sequence[float]) -> list[bool]:
-    """Whether each point is on the front: no other has both less cost and no less quality.
+def pareto_front(qualities: Sequence[float], *costs: Sequence[float]) -> list[bool]:
+    """Whether each point is on the front: no other is better in one thing and worse in none.
 
-    Of points alike in both, all or none are on it.
+    Of points alike in all, all or none are on it.
+
+    Args:
+        qualities: of the points; more is better.
+        costs: of one kind or several; less is better.
     """
-    points = list(zip(costs, qualities, strict=True))
+    points = [(-quality, *cost) for quality, *cost in zip(qualities, *costs, strict=True)]
     return [not any(_dominates(other, point) for other in points) for point in points]
 
 
-def _dominates(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    return one != other and one[0] <= other[0] and one[1] >= other[1]
+def _dominates(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return one != other and all(a <= b for a, b in zip(one, other, strict=True))

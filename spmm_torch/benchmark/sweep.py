@@ -28,7 +28,7 @@ def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
 
     Returns:
         `rows`, each with what `TimedFit.row` has and `name`, `group`, `changes`, `mean_snr_db`
-        (of both errors, in dB) and `on_front` of `seconds` and of `bytes` against that mean.
+        (of both errors, in dB) and `on_front` of `seconds`, of `bytes` and of `both` against it.
     """
     rows = [_shipped(bench, name, default) for name in SHIPPED]
     base = shipped(DEFAULT, bench.scope.overrides)
@@ -39,10 +39,12 @@ def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
             rows.append({**row, "changes": list(variant.changes)})
             bench.advance()
     quality = [row["mean_snr_db"] for row in rows]
-    in_time = pareto_front([row["seconds"]["median"] for row in rows], quality)
-    in_size = pareto_front([row["bytes"]["total"] for row in rows], quality)
-    for row, time, size in zip(rows, in_time, in_size, strict=True):
-        row["on_front"] = {"seconds": time, "bytes": size}
+    seconds = [row["seconds"]["median"] for row in rows]
+    size = [row["bytes"]["total"] for row in rows]
+    costs = {"seconds": (seconds,), "bytes": (size,), "both": (seconds, size)}
+    fronts = {name: pareto_front(quality, *cost) for name, cost in costs.items()}
+    for number, row in enumerate(rows):
+        row["on_front"] = {name: front[number] for name, front in fronts.items()}
     return {"rows": rows}
 
 
