@@ -212,7 +212,9 @@ class BTF:
             return 1.0
         if self._peak is None:
             chunk = max(CHUNK_VALUES // (self.pair_count * self.channels), 1)
-            self._peak = percentile(lambda: self._measured_chunks(chunk), PEAK_FRACTION)
+            pairs = self.pair_count if self.measured is None else int(self.measured.sum())
+            count = self.texel_count * pairs * self.channels
+            self._peak = percentile(self._measured_chunks(chunk), count, PEAK_FRACTION)
         return self._peak
 
     def _measured_chunks(self, size: int) -> Iterator[Tensor]:

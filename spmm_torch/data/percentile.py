@@ -3,47 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import torch
 from torch import Tensor
 
-HALF_BITS = 16
-HALF_COUNT = 1 << HALF_BITS
-SIGN_FREE_MASK = 0x7FFFFFFF
+# Values whose maximum is taken first: few runs reach a high percentile, the others end there.
+RUN = 1024
 
 
-def percentile(chunks: Callable[[], Iterable[Tensor]], fraction: float) -> float:
+def percentile(chunks: Iterable[Tensor], count: int, fraction: float) -> float:
     """Smallest value that at least `fraction` of all values do not exceed (nearest rank).
 
-    The bits of non-negative floats sort as integers, so a histogram of the upper 16 bits finds
-    the bin and a second one, of the lower 16 bits inside it, the value: two passes, no sort.
+    One pass. Holds the largest values met so far, so it is meant for fractions near 1.
 
     Args:
-        chunks: gives the values anew at each call, float32; negative ones count as zero.
+        chunks: all values, float32; negative ones count as zero.
+        count: how many they are.
         fraction: in (0, 1].
     """
-    upper = torch.zeros(HALF_COUNT, dtype=torch.int64)
-    for chunk in chunks():
-        upper += torch.bincount(_bits(chunk) >> HALF_BITS, minlength=HALF_COUNT)
-    rank = max(math.ceil(fraction * int(upper.sum())), 1)
-    high = _bin_of_rank(upper, rank)
-    rank -= int(upper[:high].sum())
-
-    lower = torch.zeros(HALF_COUNT, dtype=torch.int64)
-    for chunk in chunks():
-        bits = _bits(chunk)
-        bits = bits[(bits >> HALF_BITS) == high]
-        lower += torch.bincount(bits & (HALF_COUNT - 1), minlength=HALF_COUNT)
-    code = (high << HALF_BITS) | _bin_of_rank(lower, rank)
-    return float(torch.tensor([code], dtype=torch.int32).view(torch.float32))
+    kept = count - max(math.ceil(fraction * count), 1) + 1  # the last of so many largest values
+    largest, bound = torch.empty(0), -math.inf
+    for chunk in chunks:
+        largest = torch.cat((largest, _above(chunk.flatten(), bound)))
+        if len(largest) > 2 * kept:
+            largest = largest.topk(kept, sorted=False).values
+            bound = float(largest.min())
+    return max(float(largest.topk(kept, sorted=False).values.min()), 0.0)
 
 
-def _bits(values: Tensor) -> Tensor:
-    """The bit patterns of non-negative float32 values, flat; the mask removes minus zero."""
-    return values.clamp_min(0.0).contiguous().view(torch.int32).flatten() & SIGN_FREE_MASK
-
-
-def _bin_of_rank(histogram: Tensor, rank: int) -> int:
-    """The bin that holds the value of the given rank, counted from 1."""
-    return int(torch.searchsorted(histogram.cumsum(0), torch.tensor(rank)))
+def _above(values: Tensor, bound: float) -> Tensor:
+    """Those of `values [N]` that exceed a bound."""
+    whole = len(values) // RUN * RUN
+    runs = values[:whole].view(-1, RUN)
+    tall = runs[runs.amax(1) > bound].flatten()
+    rest = values[whole:]
+    return torch.cat((tall[tall > bound], rest[rest > bound]))

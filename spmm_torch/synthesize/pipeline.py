@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -118,11 +117,8 @@ def _render(
 
 def display_scale(pictures: np.ndarray) -> float:
     """The value that becomes 1: the 99.8th percentile, or the maximum if that is zero."""
-
-    def views() -> Iterator[Tensor]:
-        return map(torch.from_numpy, pictures)
-
-    return percentile(views, KEPT_FRACTION) or float(pictures.max())
+    views = map(torch.from_numpy, pictures)
+    return percentile(views, pictures.size, KEPT_FRACTION) or float(pictures.max())
 
 
 def to_display(pictures: np.ndarray, scale: float) -> str:

@@ -13,9 +13,10 @@ from .parts import Row, panel, panels, section, time
 
 TEXT = (
     "Each variant changes one setting of the default. A setting is on a front if no other has as "
-    "high a mean of the two SNRs at a lower cost, or a higher one at no more: in seconds, in bytes, "
-    "or in both, where another must be neither slower nor larger. Variants that differ from another "
-    "one only behind the search take its clusters and lobes over, with the seconds that those took."
+    "high a mean of the two SNRs at a lower cost, or a higher one at no more: in seconds, in bytes "
+    "or in both, where another must be neither slower nor larger. Variants that differ from "
+    "another one only behind the search take its clusters and lobes over, with the seconds that "
+    "those took."
 )
 HEAD = (
     "Settings",
