@@ -1,14 +1,15 @@
-"""Threads for work that NumPy does outside of the interpreter's lock."""
+"""Threads for work that NumPy and PyTorch do outside of the interpreter's lock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
+from threading import Event
 from typing import TypeVar
 
 import torch
 
-T = TypeVar("T")
+T, R = TypeVar("T"), TypeVar("R")
 
 # Items a thread that pay for its start.
 LEAST_ITEMS = 4
@@ -33,3 +34,52 @@ def in_threads(work: Callable[[T], None], items: Sequence[T]) -> None:
     with ThreadPoolExecutor(count) as pool:
         for _ in pool.map(share, range(count)):
             pass  # raises what a thread raised
+
+
+def side_by_side(
+    work: Callable[[T], R],
+    items: Sequence[T],
+    workers: int,
+    threads: int,
+    done: Callable[[T], None],
+) -> list[R]:
+    """The results of independent work on all items, in their order.
+
+    Small operations leave most threads of PyTorch idle; several items at once do not.
+
+    Args:
+        work: on one item; gradients are recorded if they are here.
+        items: all.
+        workers: how many items at once.
+        threads: of PyTorch for each of them.
+        done: told each item when its work is done, in any order, by this thread.
+
+    Raises:
+        Exception: the first that `work` raised; what has not begun by then never does.
+    """
+    before, gradients = torch.get_num_threads(), torch.is_grad_enabled()
+
+    failed = Event()
+
+    def alone(item: T) -> R:
+        if failed.is_set():
+            raise CancelledError
+        try:
+            with torch.set_grad_enabled(gradients):
+                return work(item)
+        except BaseException:
+            failed.set()  # at once, whenever the main thread hears of it
+            raise
+
+    pool = ThreadPoolExecutor(workers)
+    torch.set_num_threads(threads)  # for the workers, which begin later, too
+    try:
+        futures = {pool.submit(alone, item): item for item in items}
+        for future in as_completed(futures):
+            if not isinstance(future.exception(), CancelledError):
+                future.result()
+                done(futures[future])
+        return [future.result() for future in futures]
+    finally:
+        pool.shutdown(cancel_futures=True)
+        torch.set_num_threads(before)

@@ -24,13 +24,12 @@ FIT = f"""
 import sys, torch
 from spmm_torch import FitConfig, load_btf
 from spmm_torch.fit import main
-from spmm_torch.stages import cluster, corrective, plan, solve
+from spmm_torch.stages import cluster, corrective, plan, solve, texels
 
-for module in (cluster, plan):
-    module.CPU_BLOCK_VALUES = 1 << 20
+cluster.CPU_BLOCK_VALUES = 1 << 20
 for module in (corrective, plan):
     module.CPU_SLOPES = 1 << 20
-for module in (solve, plan):
+for module in (solve, texels):
     module.CPU_TEXELS = 1 << 8
 source, run, cache, settings = sys.argv[1:]
 config = FitConfig.from_yaml(settings).override(["device=cpu"])

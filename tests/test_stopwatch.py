@@ -40,6 +40,19 @@ def test_failed_stages_count(watch: Stopwatch) -> None:
     assert watch.seconds == {"load": 1.0}
 
 
+def test_work_side_by_side_counts_in_shares(watch: Stopwatch) -> None:
+    with watch("select"):
+        pass
+    for _ in range(2):
+        part = watch.one_of(2)
+        with part("select"):
+            pass
+        with part.one_of(2)("refit"):
+            pass  # counts in a part of its own
+        watch.take(part)
+    assert watch.seconds == {"select": 2.0}
+
+
 @pytest.mark.gpu
 def test_waits_for_the_gpu() -> None:
     watch = Stopwatch(torch.device("cuda"))

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Self
 
-import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
@@ -77,12 +76,21 @@ def _bytes(part: Tensor) -> int:
     return count * part.element_size()
 
 
+@dataclass
 class CountingStopwatch(Stopwatch):
-    """Counts the work of each stage instead of telling its time only."""
+    """Counts the work of each stage instead of telling its time only.
 
-    def __init__(self, device: torch.device) -> None:
-        super().__init__(device)
-        self.work: defaultdict[str, Work] = defaultdict(Work)
+    Attributes:
+        work: by stage.
+    """
+
+    work: defaultdict[str, Work] = field(default_factory=lambda: defaultdict(Work))
+
+    def take(self, other: Self) -> None:
+        """Adds what another watch has."""
+        super().take(other)
+        for stage, work in other.work.items():
+            self.work[stage] += work
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:

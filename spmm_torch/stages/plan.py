@@ -12,20 +12,16 @@ from ..data import BTF
 from ..memory import Budget, resident_memory
 from ..progress import duration
 from .bank import SHAPES
-from .cluster import CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES, OVERSAMPLING
+from .cluster import BLOCK_COPIES, CUDA_BLOCK_VALUES, OVERSAMPLING, cpu_block_bytes
 from .corrective import CPU_SLOPES
 from .search import bank_normals
-from .solve import CPU_TEXELS
+from .texels import cluster_bytes
 
 FLOAT = 4
-# Copies of a block that are held at once: codes, codes channels first, values, a product.
-BLOCK_COPIES = 4
 # Copies of the samples, of the bank and of the batch of slopes that the search holds.
 SAMPLE_COPIES, BANK_COPIES, SLOPE_COPIES = 6, 2, 8
 # Copies of the dictionary where values count by weight: scaled, as it is, and of measured pairs.
 WEIGHTED_COPIES = 3
-# Bytes that the selection holds for each texel and atom.
-SELECT_BYTES = 120
 # Share of the lobes found that the dictionary keeps, about.
 KEPT_LOBES = 0.5
 # Seconds of a core, measured on 2 cores of 2.5 GHz: a decoded pixel; a sample, direction pair and
@@ -86,13 +82,13 @@ def _working_bytes(
     pairs = btf.pair_count
     normals = 1 + bank_normals(config.search, samples)
     bank = sum(len(SHAPES[name]) for name in config.search.models) * normals
-    block = FLOAT * BLOCK_COPIES * CPU_BLOCK_VALUES
+    block = cpu_block_bytes()
     search = FLOAT * pairs * (SAMPLE_COPIES * samples * btf.channels + BANK_COPIES * bank)
     search += FLOAT * SLOPE_COPIES * CPU_SLOPES
     uniform = config.weights == WeightsConfig() and btf.missing is None
     copies = 1 if uniform else WEIGHTED_COPIES
     dictionary = FLOAT * pairs * (2 + copies) * found
-    select = FLOAT * pairs * copies * found + block + SELECT_BYTES * CPU_TEXELS * found
+    select = FLOAT * pairs * copies * found + cluster_bytes(found)
     return resident + max(block, search, dictionary, select)
 
 

@@ -27,6 +27,8 @@ from .select import (
 # Texels that are selected for at once, so that the sums over their atoms take little memory; the
 # same whatever memory there is.
 CPU_TEXELS, CUDA_TEXELS = 1 << 11, 1 << 16
+# Bytes that the selection holds for each texel and atom.
+SELECT_BYTES = 120
 
 
 @dataclass(frozen=True)

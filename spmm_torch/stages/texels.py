@@ -6,7 +6,7 @@ those chose, beside the residual that those left.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -18,14 +18,22 @@ from ..memory import slices
 from ..metrics import Totals
 from ..ranks import Ranks
 from ..stopwatch import Stopwatch
+from ..threads import side_by_side
 from ..weights import UNIFORM, Weights
-from .cluster import Advance, block_texels
+from .cluster import Advance, block_texels, cpu_block_bytes
 from .dictionary import Dictionary
 from .exact import exact_where_doubtful
 from .missing import MissingPairs
 from .products import Load, cluster_products
 from .select import Products
-from .solve import ClusterProblem, Solution, Start, selection_blocks
+from .solve import (
+    CPU_TEXELS,
+    SELECT_BYTES,
+    ClusterProblem,
+    Solution,
+    Start,
+    selection_blocks,
+)
 from .tally import Tally, WeightedTally, tally_uniform
 
 PRECISIONS = {"float16": torch.float16, "float32": torch.float32}
@@ -102,18 +110,49 @@ class Setting:
 def fit_texels(
     setting: Setting, members: list[Tensor], checkpoint: Checkpoint, advance: Advance
 ) -> list[ClusterFit]:
-    """Fits the texels of every cluster with the lobes open to it, and their residual."""
-    fits = []
-    for cluster, texels in enumerate(members):
-        fits.append(
-            checkpoint.once(
-                f"texels-{cluster:04d}",
-                ClusterFit,
-                lambda cluster=cluster, texels=texels: _fit_cluster(setting, cluster, texels),
-            )
+    """Fits the texels of every cluster with the lobes open to it, and their residual.
+
+    On a CPU, several clusters at once: most steps are too small to be shared among threads.
+    """
+    at_once, threads = _clusters_at_once(setting, len(members))
+    taken = (at_once - 1) * cluster_bytes(len(setting.dictionary.atoms))
+    setting = replace(setting, spare=(setting.spare - taken) // at_once)
+
+    def work(cluster: int) -> ClusterFit:
+        watch = setting.watch.one_of(at_once)
+        fit = replace(checkpoint, watch=watch).once(
+            f"texels-{cluster:04d}",
+            ClusterFit,
+            lambda: _fit_cluster(replace(setting, watch=watch), cluster, members[cluster]),
         )
-        advance(len(texels))
-    return fits
+        watches[cluster] = watch
+        return fit
+
+    def done(cluster: int) -> None:
+        setting.watch.take(watches.pop(cluster))
+        advance(len(members[cluster]))
+
+    watches: dict[int, Stopwatch] = {}
+    return side_by_side(work, range(len(members)), at_once, threads, done)
+
+
+def cluster_bytes(atoms: int) -> int:
+    """Memory that the fit of one cluster with so many lobes takes on a CPU, products apart."""
+    return cpu_block_bytes() + SELECT_BYTES * CPU_TEXELS * atoms
+
+
+def _clusters_at_once(setting: Setting, clusters: int) -> tuple[int, int]:
+    """How many clusters are fit at once, and by how many threads each.
+
+    As many as there are threads, or as memory allows: how many threads work on one does not depend
+    on the memory, since sums must round the same. Processes that share every cluster keep step.
+    """
+    threads, atoms = torch.get_num_threads(), setting.dictionary.atoms
+    if atoms.is_cuda or setting.ranks.size > 1:
+        return 1, threads
+    wanted = min(threads, clusters)
+    room = 1 + max(0, setting.spare) // cluster_bytes(len(atoms))
+    return min(wanted, room), threads // wanted
 
 
 def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:

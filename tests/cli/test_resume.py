@@ -10,12 +10,13 @@ import random
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from spmm_torch import fit as fit_module
 from spmm_torch import fit_steps, run_folder
@@ -59,6 +60,15 @@ def rough(path: Path, side: int) -> Path:
     values = (0.5 + 0.5 * noise) * cosine
     np.savez(path, values=values.astype(np.float16), view=DIRECTIONS, light=DIRECTIONS)
     return path
+
+
+@pytest.fixture(scope="module", autouse=True)
+def one_after_another() -> Iterator[None]:
+    """Clusters are fit one at a time, so that it is known what is finished at a stop."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
