@@ -26,7 +26,7 @@ WEIGHTED_COPIES = 3
 KEPT_LOBES = 0.5
 # Seconds of a core, measured on 2 cores of 2.5 GHz: a decoded pixel; a sample, direction pair and
 # lobe of the search; a texel of the selection besides its products.
-DECODE_SECONDS, SEARCH_SECONDS, SELECT_SECONDS = 3e-8, 9e-6, 3e-3
+DECODE_SECONDS, SEARCH_SECONDS, SELECT_SECONDS = 3e-8, 9e-6, 2e-4
 # Side of the matrix whose product tells the speed of this machine, and repeats.
 PROBE, REPEATS = 768, 3
 
