@@ -9,6 +9,8 @@ judged at 150 x 150 on rings halfway between. Figures are of all: `python -m tes
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -91,18 +93,41 @@ def figure(name: str, config: FitConfig = FOUR_LOBES, directions: Directions = C
         )
 
 
+def peaks(name: str, config: FitConfig, directions: Directions) -> Iterator[str]:
+    """Mirror peaks of one BRDF by polar angle, and what share of the squared error is theirs."""
+    measured = ring_directions(directions.measured)
+    model = fit(one_texel(measured_brdf(name, measured), measured, name), config).model
+    for where, rings in (("measured", directions.measured), ("between", directions.between)):
+        own = ring_directions(rings)
+        wi, wo = direction_pairs(own, own)
+        truth = measured_brdf(name, own)
+        with torch.no_grad():
+            found = model(torch.full((len(wi), 2), 0.5), wi, wo, residual=False)
+        error = (found - truth).square().sum(1)
+        mirror = torch.isclose(wi * torch.tensor([-1.0, -1.0, 1.0]), wo, atol=1e-4).all(1)
+        for polar, _ in rings:
+            here = mirror & torch.isclose(wi[:, 2], torch.tensor(math.cos(math.radians(polar))))
+            yield (
+                f"  {where:<8} {polar:5.2f} degrees: truth {float(truth[here].mean()):9.4f}, lobes "
+                f"{float(found[here].mean()):9.4f}, {float(error[here].sum() / error.sum()):4.0%} "
+                f"of the error"
+            )
+
+
 def main() -> None:
     """Prints a row for each BRDF, and how many exceed the factor."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--every", type=int, default=1, help="every N-th BRDF")
     parser.add_argument("--only", action="append", metavar="NAME", help="this one; repeatable")
     parser.add_argument("--dense", action="store_true", help="fit at 151 x 151 directions")
+    parser.add_argument("--peaks", action="store_true", help="mirror peaks by polar angle, too")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
     options = parser.parse_args()
     names = options.only or measured_names()[:: options.every]
+    directions = DENSE if options.dense else COARSE
     config, rows = FOUR_LOBES.override(options.set), []
     for name in names:
-        row = figure(name, config, DENSE if options.dense else COARSE)
+        row = figure(name, config, directions)
         rows.append(row)
         print(
             f"{row.name:<36} on samples {row.on_samples:6.2f} dB, between {row.between:6.2f} dB, "
@@ -110,6 +135,8 @@ def main() -> None:
             f"interpolated {row.interpolated:6.2f} dB",
             flush=True,
         )
+        for line in peaks(name, config, directions) if options.peaks else ():
+            print(line)
     for line in summary(rows):
         print(line)
 
