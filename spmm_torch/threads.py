@@ -37,7 +37,7 @@ def in_threads(work: Callable[[T], None], items: Sequence[T]) -> None:
 
 
 def side_by_side(
-    work: Callable[[T], R],
+    work: Callable[[T, Event], R],
     items: Sequence[T],
     workers: int,
     threads: int,
@@ -48,7 +48,8 @@ def side_by_side(
     Small operations leave most threads of PyTorch idle; several items at once do not.
 
     Args:
-        work: on one item; gradients are recorded if they are here.
+        work: on one item; gradients are recorded if they are here. The event is set once its result
+            is not wanted any more: long work then raises CancelledError.
         items: all.
         workers: how many items at once.
         threads: of PyTorch for each of them.
@@ -58,17 +59,16 @@ def side_by_side(
         Exception: the first that `work` raised; what has not begun by then never does.
     """
     before, gradients = torch.get_num_threads(), torch.is_grad_enabled()
-
-    failed = Event()
+    stopped = Event()
 
     def alone(item: T) -> R:
-        if failed.is_set():
+        if stopped.is_set():
             raise CancelledError
         try:
             with torch.set_grad_enabled(gradients):
-                return work(item)
+                return work(item, stopped)
         except BaseException:
-            failed.set()  # at once, whenever the main thread hears of it
+            stopped.set()  # at once, whenever the main thread hears of it
             raise
 
     pool = ThreadPoolExecutor(workers)
@@ -81,5 +81,6 @@ def side_by_side(
                 done(futures[future])
         return [future.result() for future in futures]
     finally:
+        stopped.set()
         pool.shutdown(cancel_futures=True)
         torch.set_num_threads(before)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from threading import Event
 
 import pytest
 import torch
@@ -24,7 +26,7 @@ def threads() -> Iterator[None]:
 
 @pytest.mark.parametrize("workers", [1, 2, 4])
 def test_results_are_in_order_and_each_is_told_once(workers: int) -> None:
-    def work(item: int) -> int:
+    def work(item: int, _: Event) -> int:
         time.sleep(0.002 * (5 - item))  # the first ends last
         return item * item
 
@@ -35,11 +37,11 @@ def test_results_are_in_order_and_each_is_told_once(workers: int) -> None:
 
 def test_items_really_run_at_the_same_time() -> None:
     both = threading.Barrier(2, timeout=30.0)
-    side_by_side(lambda _: both.wait(), range(2), 2, 1, lambda _: None)
+    side_by_side(lambda *_: both.wait(), range(2), 2, 1, lambda _: None)
 
 
 def test_workers_have_the_threads_asked_for_and_this_one_gets_its_own_back() -> None:
-    found = side_by_side(lambda _: torch.get_num_threads(), range(4), 2, 2, lambda _: None)
+    found = side_by_side(lambda *_: torch.get_num_threads(), range(4), 2, 2, lambda _: None)
     assert found == [2, 2, 2, 2]
     assert torch.get_num_threads() == THREADS
 
@@ -47,14 +49,14 @@ def test_workers_have_the_threads_asked_for_and_this_one_gets_its_own_back() -> 
 @pytest.mark.parametrize("gradients", [True, False])
 def test_gradients_are_as_they_are_here(gradients: bool) -> None:
     with torch.set_grad_enabled(gradients):
-        found = side_by_side(lambda _: torch.is_grad_enabled(), range(2), 2, 1, lambda _: None)
+        found = side_by_side(lambda *_: torch.is_grad_enabled(), range(2), 2, 1, lambda _: None)
     assert found == [gradients, gradients]
 
 
 def test_after_a_failure_nothing_begins() -> None:
     begun, told = [], []
 
-    def work(item: int) -> None:
+    def work(item: int, _: Event) -> None:
         begun.append(item)
         if item == 2:
             raise ValueError("third")
@@ -64,6 +66,21 @@ def test_after_a_failure_nothing_begins() -> None:
     assert begun == [0, 1, 2]
     assert told == [0, 1]
     assert torch.get_num_threads() == THREADS
+
+
+def test_an_interrupt_ends_what_looks_for_it() -> None:
+    """The second item would go on for ever; Ctrl-C comes to this thread when the first is done."""
+
+    def work(item: int, stopped: Event) -> None:
+        if item:
+            assert stopped.wait(30.0)
+            raise CancelledError
+
+    def interrupted(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        side_by_side(work, range(2), 2, 1, interrupted)
 
 
 def test_in_threads_does_every_item_and_raises() -> None:

@@ -6,7 +6,9 @@ those chose, beside the residual that those left.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from concurrent.futures import CancelledError
+from dataclasses import dataclass, field, replace
+from threading import Event
 
 import torch
 from torch import Tensor
@@ -94,6 +96,7 @@ class Setting:
         ranks: that share the texels of every cluster.
         weights: of texels and pairs.
         gaps: how the residual of missing pairs is found; None without any.
+        stopped: set once the result of a cluster is not wanted any more.
     """
 
     btf: BTF
@@ -105,6 +108,7 @@ class Setting:
     ranks: Ranks
     weights: Weights = UNIFORM
     gaps: MissingPairs | None = None
+    stopped: Event = field(default_factory=Event)
 
 
 def fit_texels(
@@ -118,15 +122,14 @@ def fit_texels(
     taken = (at_once - 1) * cluster_bytes(len(setting.dictionary.atoms))
     setting = replace(setting, spare=(setting.spare - taken) // at_once)
 
-    def work(cluster: int) -> ClusterFit:
-        watch = setting.watch.one_of(at_once)
-        fit = replace(checkpoint, watch=watch).once(
+    def work(cluster: int, stopped: Event) -> ClusterFit:
+        watches[cluster] = watch = setting.watch.one_of(at_once)
+        own = replace(setting, watch=watch, stopped=stopped)
+        return replace(checkpoint, watch=watch).once(
             f"texels-{cluster:04d}",
             ClusterFit,
-            lambda: _fit_cluster(replace(setting, watch=watch), cluster, members[cluster]),
+            lambda: _fit_cluster(own, cluster, members[cluster]),
         )
-        watches[cluster] = watch
-        return fit
 
     def done(cluster: int) -> None:
         setting.watch.take(watches.pop(cluster))
@@ -196,8 +199,13 @@ def _passes(
 ) -> tuple[Load, list[slice]]:
     """How to load some of `texels`, scaled by weights, and in which blocks."""
     btf = setting.btf
-    blocks = list(slices(len(texels), block_texels(btf, device)))
-    return lambda part: weights.signals(btf, texels[part], device), blocks
+
+    def load(part: slice) -> Tensor:
+        if setting.stopped.is_set():
+            raise CancelledError
+        return weights.signals(btf, texels[part], device)
+
+    return load, list(slices(len(texels), block_texels(btf, device)))
 
 
 def _tally(
