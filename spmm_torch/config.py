@@ -149,7 +149,7 @@ class DictionaryConfig:
         "cluster: a texel chooses from its own cluster's lobes (paper); shared: from all",
         choices=("cluster", "shared"),
     )
-    merge: float = setting(0.995, "correlation above which two lobes are one", low=0.0, high=1.0)
+    merge: float = setting(0.999, "correlation above which two lobes are one", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)

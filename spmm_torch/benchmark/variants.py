@@ -52,7 +52,7 @@ VARIANTS: tuple[Variant, ...] = (
     *_each("steps", "search.refine_steps", 1),
     *_each("steps", "search.exchanges", 0),
     *_each("lobes", "search.max_lobes", 2, 3, 6),
-    *_each("dictionary", "dictionary.merge", 0.95, 0.98, 0.999),
+    *_each("dictionary", "dictionary.merge", 0.95, 0.98, 0.995),
     *_each("dictionary", "dictionary.scope", "cluster"),
     *_each("lambda", "select.min_gain", 0.002, 0.015, 0.04),
     *(Variant("lambda", (STAGEWISE, f"stagewise.lambda_min={x}")) for x in (0.05, 0.2)),
