@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from threading import Event
 from typing import TypeVar
 
@@ -13,6 +14,17 @@ T, R = TypeVar("T"), TypeVar("R")
 
 # Items a thread that pay for its start.
 LEAST_ITEMS = 4
+
+
+@contextmanager
+def cpu_threads(count: int) -> Iterator[None]:
+    """Sets how many threads PyTorch uses, for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
 
 
 def in_threads(work: Callable[[T], None], items: Sequence[T]) -> None:
@@ -58,8 +70,7 @@ def side_by_side(
     Raises:
         Exception: the first that `work` raised; what has not begun by then never does.
     """
-    before, gradients = torch.get_num_threads(), torch.is_grad_enabled()
-    stopped = Event()
+    gradients, stopped = torch.is_grad_enabled(), Event()
 
     def alone(item: T) -> R:
         if stopped.is_set():
@@ -72,15 +83,14 @@ def side_by_side(
             raise
 
     pool = ThreadPoolExecutor(workers)
-    torch.set_num_threads(threads)  # for the workers, which begin later, too
-    try:
-        futures = {pool.submit(alone, item): item for item in items}
-        for future in as_completed(futures):
-            if not isinstance(future.exception(), CancelledError):
-                future.result()
-                done(futures[future])
-        return [future.result() for future in futures]
-    finally:
-        stopped.set()
-        pool.shutdown(cancel_futures=True)
-        torch.set_num_threads(before)
+    with cpu_threads(threads):  # for the workers, which begin later, too
+        try:
+            futures = {pool.submit(alone, item): item for item in items}
+            for future in as_completed(futures):
+                if not isinstance(future.exception(), CancelledError):
+                    future.result()
+                    done(futures[future])
+            return [future.result() for future in futures]
+        finally:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)

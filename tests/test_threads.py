@@ -11,17 +11,23 @@ from threading import Event
 import pytest
 import torch
 
-from spmm_torch.threads import in_threads, side_by_side
+from spmm_torch.threads import cpu_threads, in_threads, side_by_side
 
 THREADS = 4
 
 
 @pytest.fixture(autouse=True)
 def threads() -> Iterator[None]:
+    with cpu_threads(THREADS):
+        yield
+
+
+def test_threads_are_put_back() -> None:
     before = torch.get_num_threads()
-    torch.set_num_threads(THREADS)
-    yield
-    torch.set_num_threads(before)
+    with pytest.raises(KeyError), cpu_threads(1):
+        assert torch.get_num_threads() == 1
+        raise KeyError
+    assert torch.get_num_threads() == before
 
 
 @pytest.mark.parametrize("workers", [1, 2, 4])

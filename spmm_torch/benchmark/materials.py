@@ -62,9 +62,7 @@ def tiled(btf: BTF, base: Store, count: int) -> BTF:
         count: of texels.
     """
     side = round(math.sqrt(count))
-    row, column = torch.arange(side) % btf.height, torch.arange(side) % btf.width
-    texel = (row[:, None] * btf.width + column).flatten()
-    store = TiledStore(base, texel, gains(side, btf.channels))
+    store = TiledStore(base, repeated(btf, side), gains(side, btf.channels))
     return replace(
         btf,
         name=f"{btf.name}, {side} x {side}",
@@ -74,6 +72,12 @@ def tiled(btf: BTF, base: Store, count: int) -> BTF:
         hdr=False,
         streamed=True,
     )
+
+
+def repeated(btf: BTF, side: int) -> Tensor:
+    """Which texel of a BTF stands at each of `side * side` places, `[side * side]`."""
+    row, column = torch.arange(side) % btf.height, torch.arange(side) % btf.width
+    return (row[:, None] * btf.width + column).flatten()
 
 
 def gains(side: int, channels: int) -> Tensor:

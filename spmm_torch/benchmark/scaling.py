@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ from ..config import FitConfig
 from ..data import BTF, Selection
 from ..data.store import Loading, Store
 from ..geometry import UBO2003_RINGS, UBO2014_RINGS
+from ..threads import cpu_threads
 from .fits import TimedFit, on_device, plain_fit
 from .materials import tiled, with_directions
 from .scope import Bench, Scope
@@ -106,17 +106,6 @@ def _measured(case: Case, btf: BTF, config: FitConfig) -> Row:
         "snr_db": report["snr_db"],
         "total_basis": report["total_basis"],
     }
-
-
-@contextmanager
-def cpu_threads(count: int) -> Iterator[None]:
-    """Sets how many threads PyTorch uses, for a while."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(count)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def exponents(rows: Sequence[Row]) -> list[Row]:

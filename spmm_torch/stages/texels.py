@@ -1,4 +1,4 @@
-"""Stages select, refit and residual over all texels, one cluster at a time [WDR11 §4.1].
+"""Stages select, refit and residual over all texels, cluster by cluster [WDR11 §4.1].
 
 Of a large cluster some texels, the pilot, are fit first: the others choose from the lobes that
 those chose, beside the residual that those left.

@@ -7,7 +7,7 @@ import torch
 
 from spmm_torch.benchmark import scaling
 from spmm_torch.benchmark.materials import DARKEST, tiled, with_directions
-from spmm_torch.benchmark.scaling import cases, cpu_threads, exponent, exponents
+from spmm_torch.benchmark.scaling import cases, exponent, exponents
 from spmm_torch.benchmark.scope import FULL, Bench
 from spmm_torch.data import BTF
 from spmm_torch.data.store import Loading
@@ -90,14 +90,6 @@ def test_all_that_the_issue_asks_for_is_measured() -> None:
     assert {case.threads for case in found} == {1, 2}
     pairs = [sum(count for _, count in case.rings) ** 2 for case in found if case.rings]
     assert sorted(pairs) == [81**2, 151**2]
-
-
-def test_threads_are_put_back() -> None:
-    before = torch.get_num_threads()
-    with pytest.raises(KeyError), cpu_threads(1):
-        assert torch.get_num_threads() == 1
-        raise KeyError
-    assert torch.get_num_threads() == before
 
 
 def test_a_measured_row(bench: Bench, planted_btf: BTF) -> None:

@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from spmm_torch import FitConfig, load_btf
-from spmm_torch.benchmark.materials import gains
+from spmm_torch.benchmark.materials import gains, repeated
 from spmm_torch.checkpoint import Checkpoint, stage_generator
 from spmm_torch.data import BTF, sample_path
 from spmm_torch.data.codes import MemoryCodes
@@ -45,9 +45,7 @@ def tiled_codes(side: int) -> BTF:
     """The sample repeated over `side * side` texels of 8-bit codes, with gains."""
     btf = load_btf(sample_path())
     store = btf.open_store(btf.part, Loading())
-    row, column = torch.arange(side) % btf.height, torch.arange(side) % btf.width
-    texel = (row[:, None] * btf.width + column).flatten()
-    gain = gains(side, btf.channels)
+    texel, gain = repeated(btf, side), gains(side, btf.channels)
     codes = torch.empty(len(texel), btf.pair_count, btf.channels, dtype=torch.uint8)
     for block in slices(len(texel), PRODUCT_TEXELS):
         codes[block] = (store.codes.rows(texel[block]) * gain[block, None]).round_().byte()

@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from spmm_torch import fit as fit_module
 from spmm_torch import fit_steps, run_folder
 from spmm_torch.checkpoint import Checkpoint
 from spmm_torch.fit import STOPPED, main
 from spmm_torch.geometry import ring_directions
+from spmm_torch.threads import cpu_threads
 
 CHECKOUT = Path(__file__).parents[2]
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
@@ -65,10 +65,8 @@ def rough(path: Path, side: int) -> Path:
 @pytest.fixture(scope="module", autouse=True)
 def one_after_another() -> Iterator[None]:
     """Clusters are fit one at a time, so that it is known what is finished at a stop."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+    with cpu_threads(1):
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -18,8 +18,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from spmm_torch import FitConfig
-from spmm_torch.fit import fit
+from spmm_torch import BTF, SPMM, FitConfig
+from spmm_torch.fit import FitResult, fit
 from spmm_torch.geometry import UBO2003_RINGS, UBO2014_RINGS, direction_pairs, ring_directions
 from spmm_torch.metrics import snr_db
 from spmm_torch.render.btf_material import BTFMaterial
@@ -71,13 +71,20 @@ class Figure:
         return 10.0 ** ((self.on_samples - self.between) / 20.0)
 
 
-def figure(name: str, config: FitConfig = FOUR_LOBES, directions: Directions = COARSE) -> Figure:
-    """Fits one BRDF on the measured directions and looks between them."""
-    measured, between = ring_directions(directions.measured), ring_directions(directions.between)
+def fitted(
+    name: str, config: FitConfig = FOUR_LOBES, directions: Directions = COARSE
+) -> tuple[BTF, FitResult]:
+    """One BRDF on the measured directions, and its fit."""
+    measured = ring_directions(directions.measured)
     btf = one_texel(measured_brdf(name, measured), measured, name)
-    result = fit(btf, config)
+    return btf, fit(btf, config)
+
+
+def figure(btf: BTF, result: FitResult, directions: Directions = COARSE) -> Figure:
+    """Looks between the measured directions of a BRDF."""
+    between = ring_directions(directions.between)
     wi, wo = direction_pairs(between, between)
-    truth, uv = measured_brdf(name, between), torch.full((len(wi), 2), 0.5)
+    truth, uv = measured_brdf(btf.name, between), torch.full((len(wi), 2), 0.5)
 
     def snr(found: Tensor) -> float:
         error = float((found.double() - truth).square().sum())
@@ -85,7 +92,7 @@ def figure(name: str, config: FitConfig = FOUR_LOBES, directions: Directions = C
 
     with torch.no_grad():
         return Figure(
-            name,
+            btf.name,
             result.report["snr_db"]["without_residual"],
             snr(result.model(uv, wi, wo, residual=False)),
             snr(result.model(uv, wi, wo)),
@@ -93,10 +100,8 @@ def figure(name: str, config: FitConfig = FOUR_LOBES, directions: Directions = C
         )
 
 
-def peaks(name: str, config: FitConfig, directions: Directions) -> Iterator[str]:
+def peaks(name: str, model: SPMM, directions: Directions) -> Iterator[str]:
     """Mirror peaks of one BRDF by polar angle, and what share of the squared error is theirs."""
-    measured = ring_directions(directions.measured)
-    model = fit(one_texel(measured_brdf(name, measured), measured, name), config).model
     for where, rings in (("measured", directions.measured), ("between", directions.between)):
         own = ring_directions(rings)
         wi, wo = direction_pairs(own, own)
@@ -127,7 +132,8 @@ def main() -> None:
     directions = DENSE if options.dense else COARSE
     config, rows = FOUR_LOBES.override(options.set), []
     for name in names:
-        row = figure(name, config, directions)
+        btf, result = fitted(name, config, directions)
+        row = figure(btf, result, directions)
         rows.append(row)
         print(
             f"{row.name:<36} on samples {row.on_samples:6.2f} dB, between {row.between:6.2f} dB, "
@@ -135,7 +141,7 @@ def main() -> None:
             f"interpolated {row.interpolated:6.2f} dB",
             flush=True,
         )
-        for line in peaks(name, config, directions) if options.peaks else ():
+        for line in peaks(name, result.model, directions) if options.peaks else ():
             print(line)
     for line in summary(rows):
         print(line)

@@ -19,6 +19,7 @@ from spmm_torch.stages.dictionary import Dictionary
 from spmm_torch.stages.grid import DirectionGrid
 from spmm_torch.stages.texels import ClusterFit, Setting, cluster_bytes, fit_texels
 from spmm_torch.stopwatch import Stopwatch
+from spmm_torch.threads import cpu_threads
 
 CPU = torch.device("cpu")
 CLUSTERS, LOBES = 5, 20
@@ -26,10 +27,8 @@ CLUSTERS, LOBES = 5, 20
 
 @pytest.fixture(autouse=True)
 def threads() -> Iterator[None]:
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    yield
-    torch.set_num_threads(before)
+    with cpu_threads(2):
+        yield
 
 
 @pytest.fixture(scope="module")
