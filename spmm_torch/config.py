@@ -166,9 +166,9 @@ class SelectConfig:
         0.005, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
     )
     pilot: int | None = setting(
-        256,
-        "texels of a cluster that choose from the whole dictionary; what lobes they choose is all "
-        "that the others may; null: all texels",
+        64,
+        "texels of a large cluster, of more than four times as many, that choose from the whole "
+        "dictionary; what lobes they choose is all that the others may; null: all texels",
         low=1,
     )
 

@@ -246,8 +246,8 @@ def test_block_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_lobes_of_a_pilot_serve_the_whole_cluster() -> None:
-    """Two thirds of the texels choose; the others do nearly as well with the lobes of those."""
-    btf = noisy(6, 6)
+    """A quarter of the texels choose; the others do nearly as well with the lobes of those."""
+    btf = noisy(10, 10)
     whole, piloted = (
         fit(btf, small(cluster={"count": 1}, select={"pilot": pilot}), render=False)
         for pilot in (None, 24)

@@ -24,7 +24,7 @@ from .codecs.radiance import SCALES
 from .file_rows import RowLayout, read_columns, read_rows
 
 # Pairs of codes that are looked up at once: their index and result stay in the second-level cache.
-LOOKUP_CHUNK = 1 << 16
+LOOKUP_CHUNK = 1 << 17
 
 Index = Tensor | slice | None
 

@@ -47,10 +47,10 @@ def cluster_products(
     weight = None if importance is None else importance.to(energy)  # [n]
     for part in parts:
         signals = load(part)
-        correlation[part] = (signals @ atoms.T).transpose(1, 2).to(correlation.device)
+        correlation[part] = _correlations(atoms, signals).to(correlation.device)
         energy[part] = _squared_norms(signals)
         share = torch.ones(len(signals)).to(signals) if weight is None else weight[part].to(signals)
-        total += torch.einsum("n,ncd->cd", share, signals)
+        total += (share @ signals.flatten(1)).view_as(total)
     count, effective = _sizes(texels, weight, ranks)
     mean = ranks.sum(total) / count  # [C, D]
     mean_energy = mean.square().sum(1)
@@ -83,10 +83,20 @@ def _sizes(texels: int, weight: Tensor | None, ranks: Ranks) -> tuple[float, flo
     return float(sums[0]), float(sums[0] ** 2 / sums[1])
 
 
+def _correlations(atoms: Tensor, signals: Tensor) -> Tensor:
+    """D^T y of atoms `[J, D]` and signals `[m, C, D]`: `[m, J, C]`, strided.
+
+    The atoms first, which matrix products with few of them like better.
+    """
+    return (atoms @ signals.flatten(0, 1).T).unflatten(1, signals.shape[:2]).transpose(0, 1)
+
+
 def _squared_norms(signals: Tensor) -> Tensor:
     """||y||^2 of every texel and channel of `[m, C, D]`, float64: norms of short runs, summed."""
-    norms = [torch.linalg.vector_norm(run, dim=-1) for run in signals.split(RUN, dim=-1)]
-    return torch.stack(norms).double().square().sum(0)
+    even = signals.shape[-1] // RUN * RUN
+    runs = signals[..., :even].unflatten(-1, (-1, RUN))  # [m, C, D / RUN, RUN]
+    rest = torch.linalg.vector_norm(signals[..., even:], dim=-1).double().square()
+    return rest + torch.linalg.vector_norm(runs, dim=-1).double().square().sum(-1)
 
 
 def _overlap(points: Tensor, centre: Tensor, mean_energy: Tensor) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -26,7 +26,7 @@ from .select import (
 
 # Texels that are selected for at once, so that the sums over their atoms take little memory; the
 # same whatever memory there is.
-CPU_TEXELS, CUDA_TEXELS = 1 << 11, 1 << 16
+CPU_TEXELS, CUDA_TEXELS = 1 << 12, 1 << 16
 # Bytes that the selection holds for each texel and atom.
 SELECT_BYTES = 120
 
@@ -69,7 +69,6 @@ class Solution:
         error: squared error of the lobes alone.
         taken: how much of it the residual takes away.
         start: from where it was found.
-        chosen: which atoms any texel had on the way, `[J]` bool.
     """
 
     fits: list[Fit]
@@ -77,7 +76,6 @@ class Solution:
     error: float
     taken: float
     start: Start
-    chosen: Tensor
 
     def on_cpu(self) -> list[tuple[Tensor, Tensor]]:
         """Index and weights of every block."""
@@ -100,31 +98,46 @@ class ClusterProblem:
         are fit to the deviations from that mean: from there every turn can only improve.
 
         Args:
-            start: where a part of these texels came from to its solution: the lobes alone need not
-                be fit anew.
+            start: what the pilot of these texels says: the lobes alone need not be fit anew.
         """
-        products, found = self.products, None
+        products = self.products
         if start is None or not self.config.residual.joint:
-            found = self._solution(LOBES_ALONE, self._each("select", self._select(LOBES_ALONE)))
+            found = self._alone()
             if not self.config.residual.joint:
                 return found
-            share = residual_share(found.error, found.taken, products.effective)
-            start = Start(found.mean, share)
-        found = self._alternate(start, found)
+            start = self._beside(found)
+        found = self._alternate(start)
         energy = float(self.ranks.sum(products.total(products.energy)))
         of_mean = energy - products.count * float(products.mean_energy.sum())
         # Where rounding alone makes the difference, of equal texels say, lobes must not be lost.
         if found.error - found.taken > of_mean + DOUBTFUL * energy:
-            found = self._alternate(DEVIATIONS, found)
+            found = self._alternate(DEVIATIONS)
         return found
 
-    def _alternate(self, start: Start, before: Solution | None) -> Solution:
+    def pilot(self) -> tuple[Start, Tensor]:
+        """From where to fit more texels of the same cluster, and which atoms they need, `[J]` bool.
+
+        Those that the lobes alone need: beside a residual the same have less to do.
+        """
+        found = self._alone()
+        return self._beside(found), (found.mean > 0.0).any(1)
+
+    def _alone(self) -> Solution:
+        return self._solution(LOBES_ALONE, self._each("select", self._select(LOBES_ALONE)))
+
+    def _beside(self, alone: Solution) -> Start:
+        """From where to fit beside the residual that the lobes alone leave."""
+        if not self.config.residual.joint:
+            return LOBES_ALONE
+        share = residual_share(alone.error, alone.taken, self.products.effective)
+        return Start(alone.mean, share)
+
+    def _alternate(self, start: Start) -> Solution:
         """Selects beside the residual that weights leave, then fits both in turn."""
         found = self._solution(start, self._each("select", self._select(start)))
-        chosen = found.chosen if before is None else found.chosen | before.chosen
         for _ in range(self.config.residual.alternations):
             found = self._solution(start, self._each("refit", self._refit(found)))
-        return replace(found, chosen=chosen)
+        return found
 
     def _select(self, start: Start) -> Callable[[int, Products], Fit]:
         def step(_: int, part: Products) -> Fit:
@@ -163,4 +176,4 @@ class ClusterProblem:
         error = float(self.ranks.sum(own))
         taken = taken_by_residual(self.products, mean)
         fits = [fit for fit, _ in results]
-        return Solution(fits, mean, error, taken, start, (mean > 0.0).any(1))
+        return Solution(fits, mean, error, taken, start)

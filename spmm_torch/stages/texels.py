@@ -1,7 +1,7 @@
 """Stages select, refit and residual over all texels, cluster by cluster [WDR11 §4.1].
 
-Of a large cluster some texels, the pilot, are fit first: the others choose from the lobes that
-those chose, beside the residual that those left.
+Of a large cluster some texels, the pilot, are first fit with the lobes alone: all choose from the
+lobes that those chose, beside the residual that those left.
 """
 
 from __future__ import annotations
@@ -33,10 +33,12 @@ from .solve import (
     SELECT_BYTES,
     ClusterProblem,
     Solution,
-    Start,
     selection_blocks,
 )
 from .tally import Tally, WeightedTally, tally_uniform
+
+# Clusters of more texels than so many pilots have one: in smaller ones it saves little.
+PILOTS = 4
 
 PRECISIONS = {"float16": torch.float16, "float32": torch.float32}
 
@@ -162,14 +164,16 @@ def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     dictionary, watch, ranks = setting.dictionary, setting.watch, setting.ranks
     where = dictionary.choices[cluster].to(dictionary.atoms.device)
     start, size = None, setting.config.select.pilot
-    if size is not None and len(texels) > size:
-        _, pilot = _solved(setting, _pilot(setting, cluster, texels, size), where)
-        used = torch.nonzero(pilot.chosen).squeeze(1)
-        where, start = where[used], pilot.start.of(used)
+    if size is not None and len(texels) > PILOTS * size:
+        pilot = _problem(setting, _pilot(setting, cluster, texels, size), where)
+        start, needed = pilot.pilot()
+        used = torch.nonzero(needed).squeeze(1)
+        where, start = where[used], start.of(used)
     own = ranks.share(texels)
-    products, fit = _solved(setting, texels, where, start)
+    problem = _problem(setting, texels, where)
+    fit = problem.solve(start)
     with watch("residual"):
-        tally = _tally(setting, own, where, products, fit)
+        tally = _tally(setting, own, where, problem.products, fit)
     index, weights = _joined([pair for part in ranks.gather(fit.on_cpu()) for pair in part])
     lobe = torch.where(index >= 0, where.cpu()[index.clamp(min=0)], -1)  # [n, M]
     weights = weights / dictionary.norm.cpu()[lobe.clamp(min=0)][..., None]
@@ -183,15 +187,13 @@ def _pilot(setting: Setting, cluster: int, texels: Tensor, size: int) -> Tensor:
     return texels[order[:size].sort().values]
 
 
-def _solved(
-    setting: Setting, texels: Tensor, where: Tensor, start: Start | None = None
-) -> tuple[Products, Solution]:
-    """This rank's share of some texels of a cluster, fit with the lobes `where [J]`."""
+def _problem(setting: Setting, texels: Tensor, where: Tensor) -> ClusterProblem:
+    """The fit of this rank's share of some texels of a cluster with the lobes `where [J]`."""
     ranks, watch = setting.ranks, setting.watch
     with watch("select"):
         atoms = setting.dictionary.atoms[where]
         products = _products(setting, ranks.share(texels), atoms, setting.weights)
-    return products, ClusterProblem(products, setting.config, watch, ranks).solve(start)
+    return ClusterProblem(products, setting.config, watch, ranks)
 
 
 def _passes(

@@ -44,7 +44,7 @@ def setting() -> Setting:
     choices = [torch.arange(LOBES)] * CLUSTERS
     dictionary = Dictionary(lobes, atoms, norm, choices, raw)
     points = btf.texels().flatten(1)
-    config = FitConfig.from_dict({"select": {"pilot": 8}})
+    config = FitConfig.from_dict({"select": {"pilot": 4}})
     return Setting(btf, points, dictionary, config, Stopwatch(CPU), 1 << 30, ALONE)
 
 
