@@ -23,7 +23,8 @@ from ..threads import in_threads
 from .codecs.radiance import SCALES
 from .file_rows import RowLayout, read_columns, read_rows
 
-# Pairs of codes that are looked up at once: their index and result stay in the second-level cache.
+# Pairs of codes that are looked up at once: few enough to stay in the caches, enough that threads
+# seldom wait for each other at the interpreter's lock.
 LOOKUP_CHUNK = 1 << 17
 
 Index = Tensor | slice | None

@@ -101,11 +101,10 @@ class ClusterProblem:
             start: what the pilot of these texels says: the lobes alone need not be fit anew.
         """
         products = self.products
-        if start is None or not self.config.residual.joint:
-            found = self._alone()
-            if not self.config.residual.joint:
-                return found
-            start = self._beside(found)
+        if not self.config.residual.joint:
+            return self._alone()
+        if start is None:
+            start = self._beside(self._alone())
         found = self._alternate(start)
         energy = float(self.ranks.sum(products.total(products.energy)))
         of_mean = energy - products.count * float(products.mean_energy.sum())
@@ -127,8 +126,6 @@ class ClusterProblem:
 
     def _beside(self, alone: Solution) -> Start:
         """From where to fit beside the residual that the lobes alone leave."""
-        if not self.config.residual.joint:
-            return LOBES_ALONE
         share = residual_share(alone.error, alone.taken, self.products.effective)
         return Start(alone.mean, share)
 

@@ -165,8 +165,8 @@ def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
     where = dictionary.choices[cluster].to(dictionary.atoms.device)
     start, size = None, setting.config.select.pilot
     if size is not None and len(texels) > PILOTS * size:
-        pilot = _problem(setting, _pilot(setting, cluster, texels, size), where)
-        start, needed = pilot.pilot()
+        some = _pilot(setting, cluster, texels, size)
+        start, needed = _problem(setting, some, where).pilot()
         used = torch.nonzero(needed).squeeze(1)
         where, start = where[used], start.of(used)
     own = ranks.share(texels)
