@@ -6,12 +6,12 @@ import argparse
 import sys
 from typing import NoReturn
 
-from spmm_torch.device import full_precision, resolve_device
+from spmm_torch.config.schema import describe
 from spmm_torch.edit import EDITS, MASKS, Script
 from spmm_torch.edit.examples import packaged, script_path
-from spmm_torch.edited_run import edit_run
 from spmm_torch.errors import ConfigError, SPMMError
-from spmm_torch.schema import describe
+from spmm_torch.runs.edited import edit_run
+from spmm_torch.runtime.device import full_precision, resolve_device
 
 INTERACTIVE = "--interactive"
 
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def interactive(arguments: list[str] | None) -> int:
     """`spmm edit RUN --interactive`; imported when asked for, as it needs the extra `viz`."""
-    from spmm_torch.viz.editor.command import main
+    from spmm_torch.cli.editor import main
 
     return main(arguments)
 

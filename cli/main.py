@@ -5,33 +5,43 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from spmm_torch import __version__, convert, fit
-from spmm_torch.benchmark import main as benchmark
-from spmm_torch.evaluate import main as evaluate
-from spmm_torch.figures import main as figures
-from spmm_torch.render.command import main as render
-from spmm_torch.synthesize import main as synthesize
-
-from . import cache, edit
+from spmm_torch import __version__
+from spmm_torch.cli import (
+    benchmark,
+    cache,
+    convert,
+    edit,
+    evaluate,
+    figures,
+    fit,
+    render,
+    synthesize,
+)
 
 
 def view(arguments: list[str]) -> int:
     """`spmm view`; imported when it is asked for, as it needs the extra `viz`."""
-    from ..viz.view_command import main
+    from spmm_torch.cli.view import main
 
     return main(arguments)
 
 
 COMMANDS: dict[str, tuple[Callable[[list[str]], int], str]] = {
     "fit": (fit.main, "fit a model to a BTF: spmm fit INPUT -o RUN"),
-    "evaluate": (evaluate, "judge a run: errors, MSSIM, where it fails: spmm evaluate RUN"),
-    "figures": (figures, "the figures of the paper for a run: spmm figures RUN -o OUT"),
-    "render": (render, "picture of a model or BTF on a sphere or plane: spmm render RUN -o X.png"),
+    "evaluate": (evaluate.main, "judge a run: errors, MSSIM, where it fails: spmm evaluate RUN"),
+    "figures": (figures.main, "the figures of the paper for a run: spmm figures RUN -o OUT"),
+    "render": (
+        render.main,
+        "picture of a model or BTF on a sphere or plane: spmm render RUN -o X.png",
+    ),
     "edit": (edit.main, "edit a model by a script: spmm edit RUN SCRIPT -o RUN2"),
     "view": (view, "lobes of a texel, mosaic and maps of a model: spmm view RUN --texel X,Y"),
     "convert": (convert.main, "write a BTF in another format: spmm convert INPUT -o OUT"),
-    "synthesize": (synthesize, "path-trace a BTF from texture maps: spmm synthesize ... -o OUT"),
-    "benchmark": (benchmark, "speed against error, on this machine: spmm benchmark -o OUT"),
+    "synthesize": (
+        synthesize.main,
+        "path-trace a BTF from texture maps: spmm synthesize ... -o OUT",
+    ),
+    "benchmark": (benchmark.main, "speed against error, on this machine: spmm benchmark -o OUT"),
     "cache": (cache.main, "show or clear the cache of decoded BTFs: spmm cache list|clear"),
 }
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from .config import FitConfig
+from .config.fit import FitConfig
 from .data import BTF, load_btf
 from .errors import ConfigError, DataError, OutputError, SPMMError
-from .model import SPMM
+from .model.spmm import SPMM
 
 __version__ = "0.1.0"
 __all__ = [

@@ -14,7 +14,7 @@ from spmm_torch.fit import fit
 
 
 def _figures() -> ModuleType:
-    path = Path(__file__).parent / "figures.py"
+    path = Path(__file__).parent / "benchmarks/material_errors.py"
     spec = importlib.util.spec_from_file_location("figures", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -43,7 +43,7 @@ def test_path_traced_materials(name: str, without_residual: float, with_residual
 
 
 def test_measured_brdfs() -> None:
-    every = 12  # of 159, for the sake of time; tests/figures.py fits them all
+    every = 12  # of 159, for the sake of time; tests/benchmarks/material_errors.py fits them all
     snr = [
         fit(btf, FIGURES.FOUR_LOBES).report["snr_db"]["without_residual"]
         for _, btf in FIGURES.measured_brdfs(every)

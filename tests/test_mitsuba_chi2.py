@@ -12,7 +12,7 @@ from torch import Tensor
 
 from spmm_torch.synthesize.variant import FAST, works
 from tests.chi2 import LEVEL, SIGNIFICANCE, TEST_COUNT
-from tests.lobe_cases import CASES, Case
+from tests.lobes.lobe_cases import CASES, Case
 
 pytest.importorskip("mitsuba", reason="needs the extra: pip install 'spmm_torch[mitsuba]'")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 CHECKOUT = Path(__file__).parents[1]
 DIRECTIONS = ring_directions(((0.0, 1), (25.0, 8), (50.0, 12), (70.0, 16))).numpy()
@@ -23,13 +23,16 @@ SPARE = 16_000_000
 FIT = f"""
 import sys, torch
 from spmm_torch import FitConfig, load_btf
-from spmm_torch.fit import main
-from spmm_torch.stages import cluster, corrective, plan, solve, texels
+from spmm_torch.cli.fit import main
+from spmm_torch.data import blocks
+from spmm_torch.fit import plan
+from spmm_torch.fit.search import joint
+from spmm_torch.fit.select import alternate, clusters
 
-cluster.CPU_BLOCK_VALUES = 1 << 20
-for module in (corrective, plan):
+blocks.CPU_BLOCK_VALUES = 1 << 20
+for module in (joint, plan):
     module.CPU_SLOPES = 1 << 20
-for module in (solve, texels):
+for module in (alternate, clusters):
     module.CPU_TEXELS = 1 << 8
 source, run, cache, settings = sys.argv[1:]
 config = FitConfig.from_yaml(settings).override(["device=cpu"])

@@ -9,7 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from ..data.writers.atomic import new_file
+from ..runtime.atomic import new_file
 from .palette import PAGE, QUIET, TEXT, Colour
 from .plotter import draw
 from .scene import LegendRow, Scene

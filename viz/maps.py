@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..brdf import MODEL_NAMES
-from ..model import SPMM
+from ..model.spmm import SPMM
 from ..report.pictures import heat_colours
 from .palette import PAGE, QUIET, Colour, model_colour
 from .scene import LegendRow, Part, Picture, Scene, Surface, View, Word

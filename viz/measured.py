@@ -9,12 +9,12 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..config import FitConfig
+from ..config.fit import FitConfig
 from ..data import BTF, Selection, load_btf
 from ..errors import DataError
-from ..model import SPMM
+from ..model.spmm import SPMM
 from ..report.contract import FILE_NAME as REPORT
-from ..run_folder import CONFIG
+from ..runs.folder import CONFIG
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from ..brdf import MODEL_NAMES
 from ..errors import ConfigError
-from ..model import SPMM
+from ..model.spmm import SPMM
 from .palette import model_colour
 from .polar import mirror_directions, polar_directions, polar_triangles
 from .scene import Floats, LegendRow, Part, Picture, Scene, Surface, View

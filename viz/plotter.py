@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data.writers.atomic import new_file
+from ..runtime.atomic import new_file
 from .palette import PAGE, QUIET, TEXT, Colour
 from .scene import Arrow, Dots, Floats, Lines, Picture, Scene, Surface, View, Word
 

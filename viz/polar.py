@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 from torch import Tensor
 
-from ..geometry import direction_from_angles, disk_from_normal, frame_from_normal, hemisphere_spiral
+from ..geometry.directions import (
+    direction_from_angles,
+    disk_from_normal,
+    frame_from_normal,
+    hemisphere_spiral,
+)
 
 # Directions of a smooth surface, and of the rim that closes it.
 EVEN, RIM = 2500, 180

@@ -6,8 +6,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..geometry import direction_from_angles
-from ..model import SPMM
+from ..geometry.directions import direction_from_angles
+from ..model.spmm import SPMM
 from ..render.display import auto_exposure, display_codes
 
 # Light from the upper left shows structure; the view is from above, so the texture is upright.

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from ..brdf import REGISTRY
 from ..errors import ConfigError
-from ..lobe import LobeBatch
-from ..model import SPMM
+from ..lobes.batch import LobeBatch
+from ..model.spmm import SPMM
 from ..render.environment import LUMINANCE
 
 

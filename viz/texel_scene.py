@@ -9,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..geometry import direction_from_angles, frame_from_normal
-from ..lobe import anisotropic_mask
+from ..geometry.directions import direction_from_angles, frame_from_normal
+from ..lobes.batch import anisotropic_mask
 from ..render.display import encode_display
 from .measured import Measured
 from .palette import LINE, QUIET, SUM, TEXT, series_colour

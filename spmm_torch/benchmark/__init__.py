@@ -27,7 +27,3 @@ is not finite is null, a part that was not asked for is missing:
         `report.json`, snr_db, mean_basis_per_texel, total_basis, bytes, compression_ratio,
         peak_memory_bytes (null where the system does not let the peak be measured for each fit).
 """
-
-from .command import main
-
-__all__ = ["main"]

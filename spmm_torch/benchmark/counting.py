@@ -13,7 +13,7 @@ from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 from torch.utils.flop_counter import flop_registry
 
-from ..stopwatch import Stopwatch
+from ..runtime.stopwatch import Stopwatch
 
 ALL = "total"  # the name under which `fit` times all stages together
 

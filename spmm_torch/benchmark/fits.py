@@ -13,9 +13,10 @@ from typing import Any
 
 import torch
 
-from ..config import FitConfig
+from ..config.fit import FitConfig
 from ..data import BTF
-from ..fit import FitResult, Resources, fit, with_lobe_limit
+from ..fit.pipeline import FitResult, fit, with_lobe_limit
+from ..runtime.context import Resources
 from .protocol import Timing, forget_peak, stage_medians
 from .scope import Bench
 

@@ -12,14 +12,15 @@ from typing import Any
 
 import torch
 
-from ..config import ClusterConfig
+from ..config.fit import ClusterConfig
 from ..data import BTF
 from ..data.options import DEFAULT_OPTIONS
 from ..data.picture_set import PictureSet, accepts
 from ..data.pictures import open_archive
-from ..fit import FitResult, Resources
-from ..memory import slices
-from ..stages.cluster import OVERSAMPLING
+from ..fit.cluster import OVERSAMPLING
+from ..fit.pipeline import FitResult
+from ..runtime.context import Resources
+from ..runtime.memory import slices
 from .counting import CountingStopwatch, Work
 from .fits import TimedFit, on_device, plain_fit
 from .protocol import Timing, measure

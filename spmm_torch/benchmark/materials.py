@@ -11,8 +11,8 @@ from torch import Tensor
 from ..data import BTF
 from ..data.codes import Index
 from ..data.store import Store
-from ..geometry import ring_directions
-from ..hemisphere import HemisphereInterpolation
+from ..geometry.directions import ring_directions
+from ..geometry.hemisphere import HemisphereInterpolation
 
 # Gains of the repeats: their range, and how many waves of them fit across the picture.
 DARKEST, BRIGHTEST, WAVES, FIELDS = 0.6, 1.0, 5, 8

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import torch
 
-from ..memory import peak_resident_memory
+from ..runtime.memory import peak_resident_memory
 
 # Writing this resets the peak that Linux keeps of a process's memory.
 PEAK_RESET, RESET_CODE = Path("/proc/self/clear_refs"), "5"

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from ..config import FitConfig
+from ..config.fit import FitConfig
 from ..data import BTF, Selection
 from ..data.store import Loading, Store
-from ..geometry import UBO2003_RINGS, UBO2014_RINGS
-from ..threads import cpu_threads
+from ..geometry.directions import UBO2003_RINGS, UBO2014_RINGS
+from ..runtime.threads import cpu_threads
 from .fits import TimedFit, on_device, plain_fit
 from .materials import tiled, with_directions
 from .scope import Bench, Scope

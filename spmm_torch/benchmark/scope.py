@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 
 from ..data import BTF, Selection, load_btf
-from ..progress import Progress
+from ..runtime.progress import Progress
 from .protocol import Protocol
 
 

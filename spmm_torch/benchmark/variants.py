@@ -7,7 +7,7 @@ from importlib.resources import files
 
 import yaml
 
-from ..config import MODELS, FitConfig
+from ..config.fit import MODELS, FitConfig
 
 DEFAULT = "default"
 # Settings that ship as configs/NAME.yaml, in the order of the tables.

@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from ..warp import square_to_ashikhmin_shirley, square_to_ashikhmin_shirley_pdf
+from ..geometry.warp import square_to_ashikhmin_shirley, square_to_ashikhmin_shirley_pdf
 from .base import (
     Parameter,
     above_horizon,

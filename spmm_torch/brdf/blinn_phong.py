@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from ..warp import square_to_power_cosine, square_to_power_cosine_pdf
+from ..geometry.warp import square_to_power_cosine, square_to_power_cosine_pdf
 from .base import Parameter, above_horizon, exp_of_negative, half_vector
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 

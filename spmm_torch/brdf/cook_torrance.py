@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..warp import square_to_beckmann, square_to_beckmann_pdf
+from ..geometry.warp import square_to_beckmann, square_to_beckmann_pdf
 from .base import (
     INV_PI,
     Parameter,

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from ..geometry import frame_from_normal
-from ..warp import square_to_power_cosine, square_to_power_cosine_pdf
+from ..geometry.directions import frame_from_normal
+from ..geometry.warp import square_to_power_cosine, square_to_power_cosine_pdf
 from .base import Parameter, above_horizon, exp_of_negative
 
 # The lobe's base is raised to a power through its logarithm, so it is kept above zero.

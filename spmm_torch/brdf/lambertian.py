@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import INV_PI, Parameter, above_horizon
 
 

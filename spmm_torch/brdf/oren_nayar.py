@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from ..warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import INV_PI, Parameter, above_horizon, guarded_cosines
 
 

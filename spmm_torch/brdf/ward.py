@@ -6,7 +6,7 @@ import math
 
 from torch import Tensor
 
-from ..warp import square_to_beckmann, square_to_beckmann_pdf
+from ..geometry.warp import square_to_beckmann, square_to_beckmann_pdf
 from .base import Parameter, above_horizon, exp_of_negative, guarded_cosines, half_vector
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 

@@ -13,8 +13,8 @@ from types import ModuleType
 
 from ..errors import DataError
 from . import npz, picture_set, ubo2014
-from .btf import BTF, DISPLAY_GAMMA
-from .options import ReadOptions
+from .btf import BTF
+from .options import DISPLAY_GAMMA, ReadOptions
 from .selection import Selection, select_part
 from .store import Progress
 from .writers import write_npz

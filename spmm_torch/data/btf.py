@@ -12,11 +12,12 @@ import torch
 from torch import Tensor
 
 from ..errors import DataError
-from ..geometry import direction_pairs
+from ..geometry.directions import direction_pairs
+from .arrays import check_layout, numpy_values, opener_in_memory
+from .options import ReadOptions
 from .percentile import percentile
 from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chunks
 
-DISPLAY_GAMMA = 2.2
 # Fraction of all values that the peak of an HDR BTF does not exceed.
 PEAK_FRACTION = 0.999
 # Values that are expanded at once where all texels are passed over: 64 MB of float32.
@@ -81,9 +82,13 @@ class BTF:
             DataError: whatever the NPZ reader would refuse.
         """
         # The NPZ reader owns the rules of this layout and needs BTF itself.
-        from .npz import btf_of_array
-
-        return btf_of_array(values, view, light, name, negative)
+        where = f"the array of BTF {name!r}"
+        array = numpy_values(values, where)
+        view, light = check_layout(array.shape, array.dtype, view, light, where)
+        _, _, height, width, _ = array.shape
+        opener, itemsize = opener_in_memory(array, where), array.dtype.itemsize
+        btf = cls(name, "", height, width, view, light, itemsize, opener, hdr=None)
+        return replace(btf, negative=ReadOptions(negative=negative).negative).load()
 
     def restricted(
         self,

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OutputError
-from ..memory import slices
+from ..runtime.memory import slices
 
 # Part of every key: entries of another layout are never found.
 LAYOUT_VERSION = 1

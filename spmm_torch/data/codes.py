@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 
 from ..errors import OutputError
-from ..memory import slices
-from ..threads import in_threads
+from ..runtime.memory import slices
+from ..runtime.threads import in_threads
 from .codecs.radiance import SCALES
 from .file_rows import RowLayout, read_columns, read_rows
 

@@ -7,44 +7,27 @@ only if a value exceeds 1; its peak is then the 99.9th percentile, else 1.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import IO
 
 import numpy as np
-import torch
 from numpy.lib import format as npy
-from torch import Tensor
 
 from ..errors import DataError
+from .arrays import ArrayHeader, array_opener, check_layout
 from .btf import BTF
-from .cache import entry_key
-from .codes import FloatExpansion
-from .directions import checked_directions
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import ZIP_ERRORS, material_name, open_zip
-from .store import Loading, Part, Store
-from .transpose import Place, ViewSource, open_store
 
 MEMBERS = ("values", "view", "light")
 LAYOUT = "values [V, L, H, W, 3] float16 or float32, view [V, 3] and light [L, 3]"
 # Deflate makes nothing smaller than by this factor.
 DEFLATE_RATIO = 1032
 READ_ERRORS = (*ZIP_ERRORS, OSError, ValueError, KeyError)
-
-
-@dataclass(frozen=True)
-class ArrayHeader:
-    """What the first bytes of an .npy tell."""
-
-    shape: tuple[int, ...]
-    fortran_order: bool
-    dtype: np.dtype
 
 
 def accepts(path: Path) -> bool:
@@ -71,121 +54,11 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     view, light = check_layout(header.shape, header.dtype, view, light, str(source))
     views = partial(_iterate_views, source, header)
     key = partial(_content, source)
-    return _btf(
-        material_name(source), str(path), header, view, light, f"'values' of {path}", views, key
-    )
-
-
-def btf_of_array(
-    values: np.ndarray | Tensor, view: Tensor, light: Tensor, name: str, negative: str
-) -> BTF:
-    """A BTF of values `[V, L, H, W, 3]` in memory; `negative` is that of `ReadOptions`.
-
-    Raises:
-        DataError: the shape or type of the values is wrong, or a direction is not valid.
-    """
-    where = f"the array of BTF {name!r}"
-    array = _numpy(values, where)
-    view, light = check_layout(array.shape, array.dtype, view, light, where)
-    header = ArrayHeader(array.shape, False, array.dtype)
-
-    def views(chosen: Sequence[int]) -> Iterator[np.ndarray]:
-        return (np.ascontiguousarray(array[view]) for view in chosen)
-
-    def key() -> str:
-        return hashlib.blake2b(np.ascontiguousarray(array).tobytes(), digest_size=20).hexdigest()
-
-    btf = _btf(name, "", header, view, light, where, views, key)
-    return replace(btf, negative=ReadOptions(negative=negative).negative).load()
-
-
-def _numpy(values: np.ndarray | Tensor, where: str) -> np.ndarray:
-    if not isinstance(values, Tensor):
-        return values
-    if values.dtype == torch.bfloat16:  # NumPy has no such type
-        raise DataError(
-            f"'values' of {where} has type bfloat16, 8 bits of which would be all that errors are "
-            f"judged by; expected float16 or float32; measure or convert it in one of these."
-        )
-    return values.detach().cpu().numpy()
-
-
-def _btf(
-    name: str,
-    path: str,
-    header: ArrayHeader,
-    view: Tensor,
-    light: Tensor,
-    where: str,
-    views: Callable[[Sequence[int]], Iterator[np.ndarray]],
-    content: Callable[[], object],
-) -> BTF:
-    """A BTF whose pictures `[L, H, W, 3]` of ascending views are given by `views(chosen)`."""
     _, _, height, width, _ = header.shape
-
-    def open_part(part: Part, loading: Loading) -> Store:
-        chosen = list(range(len(view))) if part.views is None else part.views.tolist()
-        lights = slice(None) if part.lights is None else part.lights.numpy()
-        texels = slice(None) if part.texels is None else part.texels.numpy()
-        count = height * width if part.texels is None else len(part.texels)
-        light_count = len(light) if part.lights is None else len(part.lights)
-        native = header.dtype.newbyteorder("=")
-
-        def decode(wanted: Sequence[int], place: Place) -> None:
-            order = sorted(wanted, key=lambda place_of: chosen[place_of])
-            for target, pictures in zip(order, views([chosen[i] for i in order]), strict=True):
-                flat = pictures.reshape(len(pictures), height * width, 3)
-                # Of an array in memory that is read-only, a copy: torch asks for one to write to.
-                place(target, np.require(flat[lights][:, texels], native, ("C", "W")))
-
-        def key() -> str:
-            kept = [
-                None if x is None else x.tolist() for x in (part.texels, part.views, part.lights)
-            ]
-            return entry_key((content(), header.shape, str(header.dtype), kept))
-
-        shape = (len(chosen), light_count, count, 3)
-        columns = width if part.texels is None else 0
-        source = ViewSource(where, shape, native, FloatExpansion(), decode, key, columns)
-        return open_store(source, loading)
-
     itemsize = header.dtype.itemsize
-    return BTF(name, path, height, width, view, light, itemsize, open_part, hdr=None)
-
-
-def check_layout(
-    shape: Sequence[int],
-    dtype: np.dtype,
-    view: Tensor | np.ndarray,
-    light: Tensor | np.ndarray,
-    where: str,
-) -> tuple[Tensor, Tensor]:
-    """The checked directions `(view [V, 3], light [L, 3])` of values of a given shape.
-
-    Raises:
-        DataError: the shape or type of the values is wrong, or a direction is not valid.
-    """
-    if len(shape) != 5 or shape[-1] != 3 or min(shape) < 1:
-        raise DataError(
-            f"'values' of {where} has shape {list(shape)}; expected [V, L, H, W, 3] without an "
-            f"empty axis; reorder its axes."
-        )
-    if dtype.kind != "f" or dtype.itemsize not in (2, 4):
-        raise DataError(
-            f"'values' of {where} has type {dtype}; expected float16 or float32 holding linear "
-            f"cosine-weighted values; convert it with astype."
-        )
-    directions = []
-    for key, array, count in (("view", view, shape[0]), ("light", light, shape[1])):
-        vectors = torch.as_tensor(array).detach().cpu()
-        checked = checked_directions(vectors, f"{key!r} of {where}")
-        if len(checked) != count:
-            raise DataError(
-                f"{key!r} of {where} holds {len(checked)} directions but 'values' has shape "
-                f"{list(shape)}; expected {count}; make the two agree."
-            )
-        directions.append(checked)
-    return directions[0], directions[1]
+    opener = array_opener(header, f"'values' of {path}", views, key)
+    name = material_name(source)
+    return BTF(name, str(path), height, width, view, light, itemsize, opener, hdr=None)
 
 
 def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:

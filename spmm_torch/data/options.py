@@ -7,8 +7,9 @@ import os
 from dataclasses import dataclass
 
 from ..errors import ConfigError
-from .btf import DISPLAY_GAMMA
 
+# Exponent of display-encoded pictures.
+DISPLAY_GAMMA = 2.2
 # Decoding of small pictures is bound by the interpreter lock: more threads gain nothing.
 MAX_THREADS = 8
 COSINES = ("auto", "included", "missing")

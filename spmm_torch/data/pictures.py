@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from ..errors import DataError
-from ..geometry import direction_from_angles
+from ..geometry.directions import direction_from_angles
 
 Direction = tuple[float, float]  # (theta, phi) in degrees, as the names give them
 

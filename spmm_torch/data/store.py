@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..errors import DataError
-from ..memory import slices
+from ..runtime.memory import slices
 from .codes import Codes, Expansion, Index
 
 Progress = Callable[[int, int], None]  # (views done, views in all)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from ..errors import DataError
-from ..memory import slices
+from ..runtime.memory import slices
 from .cache import CacheEntry, entry_key
 from .codes import Codes, Expansion, FileCodes, MemoryCodes
 from .store import CodeStore, Loading, check_not_black

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..brdf import MODEL_NAMES
-from ..lobe_sampling import SPECULAR_WIDTH
-from ..model import SPMM
-from ..schema import REQUIRED, setting
+from ..config.schema import REQUIRED, setting
+from ..lobes.sampling import SPECULAR_WIDTH
+from ..model.spmm import SPMM
 from .colour import MAX_SATURATION
 from .groups import GROUPS
 from .mixing import blend, copy_look

@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from ..brdf import REGISTRY
-from ..geometry import direction_from_angles, frame_from_normal
-from ..lobe import CPU_BLOCK, CUDA_BLOCK, LobeBatch
+from ..geometry.directions import direction_from_angles, frame_from_normal
+from ..lobes.batch import CPU_BLOCK, CUDA_BLOCK, LobeBatch
 
 # Directions that average a lobe: as they are the same before and after, errors mostly cancel. Few
 # lobes get more of them, as long as all lobes together take some hundredths of a second.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..lobe_sampling import SPECULAR_WIDTH, specular_mask
-from ..model import SPMM
+from ..lobes.sampling import SPECULAR_WIDTH, specular_mask
+from ..model.spmm import SPMM
 from .selection import Selection
 
 GROUPS = ("all", "specular", "non_specular")

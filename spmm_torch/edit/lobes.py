@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from ..lobe import LobeBatch
-from ..model import SPMM, SparseWeights
+from ..lobes.batch import LobeBatch
+from ..model.spmm import SPMM, SparseWeights
 from .energy import energy_factors
 from .parts import from_entries, scaled_entries, with_parts
 from .selection import Selection

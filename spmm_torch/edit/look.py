@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..model import SPMM
+from ..model.spmm import SPMM
 from .selection import Selection
 
 # Texels that are looked at, and measured pairs of directions that they share.

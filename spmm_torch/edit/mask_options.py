@@ -17,11 +17,11 @@ import torch
 from torch import Tensor
 
 from ..brdf import MODEL_NAMES
+from ..config.schema import REQUIRED, from_dict, plain, setting
 from ..errors import ConfigError
-from ..geometry import direction_from_angles
-from ..lobe_sampling import SPECULAR_WIDTH
-from ..model import SPMM
-from ..schema import REQUIRED, from_dict, plain, setting
+from ..geometry.directions import direction_from_angles
+from ..lobes.sampling import SPECULAR_WIDTH
+from ..model.spmm import SPMM
 from .masks import cluster_selection, colour_selection, lobe_selection, picture_selection
 from .regions import Rectangle, Stripes
 from .selection import Selection, select_texels

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from ..brdf import MODEL_NAMES
 from ..errors import ConfigError, DataError
-from ..lobe_sampling import SPECULAR_WIDTH, specular_mask
-from ..model import SPMM
+from ..lobes.sampling import SPECULAR_WIDTH, specular_mask
+from ..model.spmm import SPMM
 from .selection import Selection, select_lobes, select_texels
 from .widths import widths
 

@@ -6,10 +6,10 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..lobe import LobeBatch
-from ..model import SPMM, SparseWeights
-from ..order import ranges
-from ..residual import Residual, decode_residual, encode_residual
+from ..lobes.batch import LobeBatch
+from ..lobes.ragged import ranges
+from ..model.residual import Residual, decode_residual, encode_residual
+from ..model.spmm import SPMM, SparseWeights
 from .parts import entry_texels, from_entries, scaled_entries, with_parts
 from .regions import Rectangle, bounds
 from .residual import STEPS, share_steps

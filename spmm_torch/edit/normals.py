@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..geometry import MAX_TILT
-from ..lobe import LobeBatch, anisotropic_mask
-from ..lobe_sampling import SPECULAR_WIDTH
-from ..model import SPMM
+from ..geometry.directions import MAX_TILT
+from ..lobes.batch import LobeBatch, anisotropic_mask
+from ..lobes.sampling import SPECULAR_WIDTH
+from ..model.spmm import SPMM
 from .groups import lobe_group
 from .lobes import with_lobes
 from .parts import check_factor

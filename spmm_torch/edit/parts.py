@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..lobe import LobeBatch
-from ..model import SPMM, SparseWeights
-from ..residual import Residual
+from ..lobes.batch import LobeBatch
+from ..model.residual import Residual
+from ..model.spmm import SPMM, SparseWeights
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..lobe_sampling import SPECULAR_WIDTH
-from ..model import SPMM, SparseWeights
+from ..lobes.sampling import SPECULAR_WIDTH
+from ..model.spmm import SPMM, SparseWeights
 from . import residual as residuals
 from .colour import check_change, linear_change, linear_changes, unit_colours
 from .groups import edited_texels, entry_share, lobe_group

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..model import SPMM
+from ..model.spmm import SPMM
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..model import SPMM
-from ..residual import Residual, decode_residual, encode_residual
+from ..model.residual import Residual, decode_residual, encode_residual
+from ..model.spmm import SPMM
 from .parts import check_factor, with_parts
 from .selection import Selection
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import yaml
 
+from ..config.schema import from_dict, load_yaml
 from ..errors import ConfigError, SPMMError
-from ..model import SPMM
-from ..schema import from_dict, load_yaml
+from ..model.spmm import SPMM
 from .edit_options import EDITS, Edit
 from .mask_options import Mask, given, nearest, parse_mask, plain_mask
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..model import SPMM
+from ..model.spmm import SPMM
 from .parts import entry_texels
 
 

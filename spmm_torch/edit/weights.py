@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..lobe_sampling import SPECULAR_WIDTH
-from ..model import SPMM, SparseWeights
+from ..lobes.sampling import SPECULAR_WIDTH
+from ..model.spmm import SPMM, SparseWeights
 from . import residual as residuals
 from .groups import edited_texels, entry_share, lobe_group
 from .parts import check_factor, with_parts

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from ..brdf import REGISTRY, Parameter
 from ..errors import ConfigError
-from ..lobe import LobeBatch
-from ..lobe_sampling import SPECULAR_WIDTH
-from ..model import SPMM
+from ..lobes.batch import LobeBatch
+from ..lobes.sampling import SPECULAR_WIDTH
+from ..model.spmm import SPMM
 from .groups import lobe_group
 from .lobes import with_lobes
 from .parts import check_factor

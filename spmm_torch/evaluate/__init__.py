@@ -4,7 +4,6 @@
 `evaluation.json`.
 """
 
-from .command import main
 from .judge import Judgement, Likeness, judge, likeness
 from .source import Source, open_source
 from .sphere_section import sphere_section
@@ -15,7 +14,6 @@ __all__ = [
     "Source",
     "judge",
     "likeness",
-    "main",
     "open_source",
     "sphere_section",
 ]

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from ..data import BTF
 from ..metrics import Totals, psnr_db, snr_db
-from ..model import SPMM
-from ..progress import Progress
+from ..model.spmm import SPMM
 from ..report.summary import device_name, versions
+from ..runtime.progress import Progress
 from .angles import AngleTable, by_angle
 from .flip import flip
 from .mssim import Score, mean_score, mssim

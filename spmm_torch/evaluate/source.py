@@ -10,12 +10,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..config import FitConfig
+from ..config.fit import FitConfig
 from ..data import BTF, Selection, load_btf
 from ..errors import DataError, OutputError
-from ..model import SPMM
+from ..model.spmm import SPMM
 from ..report.contract import FILE_NAME as REPORT_FILE
-from ..run_folder import CONFIG
+from ..runs.folder import CONFIG
 
 # Measured directions closer than this, in radians, are the same: a hundredth of what the formats
 # tell apart.

@@ -25,9 +25,8 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..geometry import direction_from_angles
-from ..memory import slices
-from ..model import SPMM
+from ..geometry.directions import direction_from_angles
+from ..model.spmm import SPMM
 from ..render import (
     BTFMaterial,
     Camera,
@@ -42,6 +41,7 @@ from ..render import (
 from ..render.direct import delta_light_directions, lit_values
 from ..render.display import white_exposure
 from ..render.renderer import trace
+from ..runtime.memory import slices
 
 SETTINGS = RenderSettings(size=192, samples=4)
 TEXELS_IN_HALF_TURN = 128

@@ -10,10 +10,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..data import BTF
-from ..geometry import direction_pairs
-from ..memory import slices
+from ..geometry.directions import direction_pairs
 from ..metrics import Totals
-from ..model import SPMM
+from ..model.spmm import SPMM
+from ..runtime.memory import slices
 
 # Values of a block of texels: 32 MB of float32, and about six times as much with all that is made
 # of them.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from ..device import full_precision
 from ..render import (
     BTFMaterial,
     Camera,
@@ -18,6 +17,7 @@ from ..render import (
     display_codes,
     render,
 )
+from ..runtime.device import full_precision
 from .figure import Drawing, Subject
 from .sheet import Panel, sheet
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..device import full_precision
 from ..render import Camera, DirectionalLight, Scene, Sphere, Texture, display_codes
+from ..runtime.device import full_precision
 from .comparison import REPEAT, SUN
 from .editing import EDITING, View
 from .figure import Drawing, Figure, Subject

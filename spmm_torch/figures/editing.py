@@ -16,11 +16,11 @@ from torch import Tensor
 from ..edit import Script, change_colours
 from ..edit.edit_options import HueSaturation
 from ..edit.examples import example
-from ..hemisphere import HemisphereInterpolation
-from ..model import SPMM
+from ..geometry.hemisphere import HemisphereInterpolation
+from ..model.residual import LOWEST_COSINE
+from ..model.spmm import SPMM
 from ..render import Rendering, RenderSettings, Scene, auto_exposure, render
 from ..render.material import Material
-from ..residual import LOWEST_COSINE
 
 FIGURE4 = {"fig4_left": "hue -110°", "fig4_middle": "hue +116°", "fig4_right": "desaturated"}
 

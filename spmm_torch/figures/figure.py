@@ -12,10 +12,10 @@ import torch
 
 from ..errors import ConfigError
 from ..evaluate import Source
-from ..model import SPMM
-from ..progress import Progress
+from ..model.spmm import SPMM
 from ..render import RenderSettings
 from ..render.display import Codes
+from ..runtime.progress import Progress
 
 
 @dataclass(frozen=True)

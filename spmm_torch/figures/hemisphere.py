@@ -8,9 +8,9 @@ import torch.nn.functional as F
 from PIL import Image, ImageDraw
 from torch import Tensor
 
-from ..model import SPMM
+from ..geometry.warp import square_to_cosine_hemisphere
+from ..model.spmm import SPMM
 from ..render.display import Codes, white_exposure
-from ..warp import square_to_cosine_hemisphere
 
 # Colours of no and of the highest intensity, of dots, and of the rim.
 WHITE, BLUE, DOT, RIM = (255, 255, 255), (0, 32, 200), (20, 20, 20), (150, 150, 150)

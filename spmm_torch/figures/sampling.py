@@ -9,10 +9,9 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..device import full_precision
 from ..errors import ConfigError
-from ..geometry import direction_from_angles
-from ..model import SPMM
+from ..geometry.directions import direction_from_angles
+from ..model.spmm import SPMM
 from ..render import (
     Camera,
     CosineSampled,
@@ -27,19 +26,12 @@ from ..render import (
 from ..render.direct import Hits
 from ..render.material import SampledMaterial
 from ..render.renderer import trace
+from ..runtime.device import full_precision
 from .comparison import REPEAT
 from .figure import Drawing, Subject
 from .hemisphere import glossiest_texel, intensity_picture, sample_picture, texel_centre
 from .sheet import Panel, sheet
-from .variance import (
-    Efficiency,
-    gain,
-    hits_at,
-    repeated,
-    shade_by_sampler,
-    some_hits,
-    white_light,
-)
+from .variance import Efficiency, gain, hits_at, repeated, shade_by_sampler, some_hits, white_light
 
 DOTS = 1500
 # Directions of each hit in the picture by our sampler; the other takes as many as its time allows.

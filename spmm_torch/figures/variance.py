@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..memory import slices
 from ..render import EnvironmentLight
 from ..render.direct import BLOCK_DIRECTIONS, Hits, weighted
 from ..render.material import SampledMaterial
+from ..runtime.memory import slices
 
 # Rows of the map of a light that is the same all around.
 WHITE_ROWS = 8

@@ -9,7 +9,6 @@ else that maps (uv, wi, wo) to cosine-weighted RGB; one with `sample` and `pdf` 
 
 from .btf_material import BTFMaterial
 from .camera import Camera, turn
-from .command import main
 from .display import auto_exposure, display_codes, encode_display, write_exr, write_gif, write_png
 from .environment import EnvironmentLight
 from .lights import DirectionalLight, PointLight
@@ -36,7 +35,6 @@ __all__ = [
     "auto_exposure",
     "display_codes",
     "encode_display",
-    "main",
     "render",
     "turn",
     "write_exr",

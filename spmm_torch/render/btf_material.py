@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..geometry import texel_at
-from ..hemisphere import HemisphereInterpolation
-from ..memory import slices
-from ..residual import LOWEST_COSINE
+from ..geometry.directions import texel_at
+from ..geometry.hemisphere import HemisphereInterpolation
+from ..model.residual import LOWEST_COSINE
+from ..runtime.memory import slices
 
 # Values of whole texels that are expanded at once: 64 MB of float32.
 TEXEL_VALUES = 1 << 24

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..geometry import direction_from_angles
+from ..geometry.directions import direction_from_angles
 from .shapes import Rays
 
 # Half of what a parallel camera shows: the unit sphere with a narrow margin.

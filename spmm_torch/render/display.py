@@ -13,8 +13,8 @@ from PIL import Image
 from torch import Tensor
 
 from ..data.codecs import openexr
-from ..data.writers.atomic import new_file
 from ..errors import ConfigError
+from ..runtime.atomic import new_file
 
 # This part of the covered pixels is shown without clipping.
 SHOWN_FRACTION = 0.99

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from torch import Tensor
 
-from ..warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 
 
 class Material(Protocol):

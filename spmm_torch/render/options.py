@@ -8,7 +8,7 @@ from pathlib import Path
 import torch
 
 from ..errors import ConfigError
-from ..geometry import direction_from_angles
+from ..geometry.directions import direction_from_angles
 from .camera import Camera
 from .environment import EnvironmentLight
 from .lights import WHITE, DirectionalLight, PointLight

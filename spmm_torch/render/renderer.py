@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..memory import slices
+from ..runtime.memory import slices
 from .camera import Camera
 from .direct import BLOCK_DIRECTIONS, Hits, from_delta_lights, from_environment
 from .environment import EnvironmentLight

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..schema import from_dict, read_yaml, setting
+from ..config.schema import from_dict, read_yaml, setting
 from .options import CAMERA_FORMS, LIGHT_FORMS, parse_camera, parse_light
 from .renderer import MAX_COUNT, RenderSettings, Scene
 from .shapes import SHAPES, Texture

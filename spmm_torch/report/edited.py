@@ -8,7 +8,7 @@ from typing import Any
 
 import torch
 
-from ..model import SPMM
+from ..model.spmm import SPMM
 from ..render.display import auto_exposure, display_codes
 from . import wording
 from .maps import maps_section

@@ -7,7 +7,7 @@ from collections import Counter
 import torch
 from torch import Tensor
 
-from ..model import SPMM
+from ..model.spmm import SPMM
 from .charts import Bar, bar_chart, histogram
 from .markup import Markup, figure, join, picture, tag
 from .pictures import Codes, cluster_colours, css_colour, heat_colours, png_uri

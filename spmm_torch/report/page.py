@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..data import BTF
-from ..model import SPMM
+from ..model.spmm import SPMM
 from . import wording
 from .charts import Bar, bar_chart
 from .contract import check_report

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..geometry import direction_from_angles
+from ..geometry.directions import direction_from_angles
 
 # What is looked for: title, then polar and azimuth degrees of light and view. The picture's top
 # is at 90 degrees.

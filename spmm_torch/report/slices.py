@@ -9,9 +9,9 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..data.btf import DISPLAY_GAMMA
+from ..data.options import DISPLAY_GAMMA
 from ..metrics import snr_db
-from ..model import SPMM
+from ..model.spmm import SPMM
 from ..render.display import display_codes, white_exposure
 from .markup import Markup, figure, join, picture, tag
 from .pairs import Pair, angles, choose_pairs

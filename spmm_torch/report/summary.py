@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..memory import peak_resident_memory
 from ..metrics import Totals, psnr_db
-from ..model import SPMM
+from ..model.spmm import SPMM
+from ..runtime.memory import peak_resident_memory
 
 STAGES = ("load", "cluster", "search", "dictionary", "select", "refit", "residual", "evaluate")
 

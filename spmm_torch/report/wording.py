@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..progress import MINUTE, duration
+from ..runtime.progress import MINUTE, duration
 
 UNKNOWN = "–"
 # The paper counts in these: 32 x 81^2 x 3 x 4 bytes are its "2.40 MB" [WDR11 §4.2].

@@ -26,9 +26,8 @@ that without. Time grows with texels, samples and pictures. Beside the output, t
 4 bytes a value of disk while it runs.
 """
 
-from .command import main
 from .maps import TextureMaps, read_maps
 from .pipeline import synthesize_btf
 from .settings import SynthesisSettings
 
-__all__ = ["SynthesisSettings", "TextureMaps", "main", "read_maps", "synthesize_btf"]
+__all__ = ["SynthesisSettings", "TextureMaps", "read_maps", "synthesize_btf"]

@@ -13,7 +13,7 @@ from ..data.codes import FloatExpansion, MemoryCodes
 from ..data.percentile import percentile
 from ..data.store import CodeStore, check_not_black
 from ..errors import ConfigError
-from ..progress import Progress, Stage
+from ..runtime.progress import Progress, Stage
 from .maps import TextureMaps
 from .settings import SynthesisSettings
 from .target import FLOAT_BYTES, hidden_folder, target_of

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from torch import Tensor
 
 from ..errors import ConfigError
-from ..geometry import UBO2003_RINGS, UBO2014_RINGS, ring_directions
+from ..geometry.directions import UBO2003_RINGS, UBO2014_RINGS, ring_directions
 
 # The direction sets of UBO2003 and UBO2014 by their number of directions.
 RINGS = {81: UBO2003_RINGS, 151: UBO2014_RINGS}

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from typing import Any
 
 from ..errors import ConfigError
-from ..progress import Progress
+from ..runtime.progress import Progress
 
 FAST, PLAIN = "llvm_ad_rgb", "scalar_rgb"
 VARIANTS = ("auto", FAST, PLAIN, "cuda_ad_rgb")

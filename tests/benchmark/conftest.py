@@ -13,9 +13,9 @@ from spmm_torch.benchmark.protocol import Protocol
 from spmm_torch.benchmark.scope import SMALL, Bench, Scope
 from spmm_torch.benchmark.variants import DEFAULT, shipped
 from spmm_torch.data import BTF, Selection, write_npz
-from spmm_torch.geometry import ring_directions
-from spmm_torch.lobe import COORDINATES, decode
-from spmm_torch.progress import Progress
+from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.lobes.batch import COORDINATES, decode
+from spmm_torch.runtime.progress import Progress
 
 SIDE, LOBES = 6, 5
 CPU = torch.device("cpu")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 
 from spmm_torch.benchmark.counting import CountingStopwatch, Work, WorkCounter
-from spmm_torch.geometry import ring_directions
-from spmm_torch.lobe import COORDINATES
-from spmm_torch.stages.grid import DirectionGrid
+from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.lobes.batch import COORDINATES
+from spmm_torch.lobes.grid import DirectionGrid
 
 FLOAT = 4
 

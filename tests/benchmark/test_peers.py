@@ -24,7 +24,7 @@ from spmm_torch.benchmark.peers import (
 from spmm_torch.benchmark.peers.problem import SELECTION, Problem, Row, snr_of
 from spmm_torch.benchmark.scope import Bench
 from spmm_torch.brdf import MODEL_NAMES
-from spmm_torch.lobe import COORDINATES, decode
+from spmm_torch.lobes.batch import COORDINATES, decode
 
 RANDOM = np.random.default_rng(1)
 # Errors below this are those of float32.

@@ -11,7 +11,7 @@ import torch
 from spmm_torch.benchmark import protocol
 from spmm_torch.benchmark.environment import commit, environment
 from spmm_torch.benchmark.protocol import Protocol, Timing, forget_peak, measure, stage_medians
-from spmm_torch.memory import peak_resident_memory
+from spmm_torch.runtime.memory import peak_resident_memory
 
 CPU = torch.device("cpu")
 

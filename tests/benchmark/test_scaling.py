@@ -11,7 +11,7 @@ from spmm_torch.benchmark.scaling import cases, exponent, exponents
 from spmm_torch.benchmark.scope import FULL, Bench
 from spmm_torch.data import BTF
 from spmm_torch.data.store import Loading
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 CPU = torch.device("cpu")
 RINGS = ((0.0, 1), (30.0, 6), (60.0, 8))

@@ -12,7 +12,7 @@ from spmm_torch.benchmark import sweep
 from spmm_torch.benchmark.fits import EARLY_STAGES, SharedStages, TimedFit, on_device
 from spmm_torch.benchmark.scope import Bench
 from spmm_torch.benchmark.variants import DEFAULT, SHIPPED, VARIANTS, Variant, shipped
-from spmm_torch.config import FitConfig
+from spmm_torch.config.fit import FitConfig
 from spmm_torch.fit import fit
 
 CONFIGS = Path(__file__).parents[2] / "configs"

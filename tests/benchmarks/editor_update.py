@@ -19,7 +19,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from spmm_torch.viz.editor.command import leave_a_core
+from spmm_torch.cli.editor import leave_a_core
 from spmm_torch.viz.editor.preview import Preview, jpeg_uri
 from spmm_torch.viz.editor.session import Session
 from spmm_torch.viz.editor.sliders import SLIDERS

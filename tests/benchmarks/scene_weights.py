@@ -19,13 +19,13 @@ import torch
 
 from spmm_torch import BTF, SPMM, FitConfig, load_btf
 from spmm_torch.data import Selection
+from spmm_torch.data.error_weights import Weights
 from spmm_torch.fit import fit
+from spmm_torch.fit.weighting import scene_weights
 from spmm_torch.render import BTFMaterial, CosineSampled, Material, Rendering, auto_exposure, render
 from spmm_torch.render.display import encode_display
 from spmm_torch.render.scene_file import SceneConfig
-from spmm_torch.weighting import scene_weights
-from spmm_torch.weights import Weights
-from tests.figures import shared_data
+from tests.benchmarks.material_errors import shared_data
 
 MATERIALS = ("WEAVE64", "TILES64")
 # A sample on a table under one lamp; a ball in the sun; a ball in a studio, lit from all around.

@@ -19,21 +19,21 @@ from torch import Tensor
 
 from spmm_torch import FitConfig, load_btf
 from spmm_torch.benchmark.materials import gains, repeated
-from spmm_torch.checkpoint import Checkpoint, stage_generator
 from spmm_torch.data import BTF, sample_path
 from spmm_torch.data.codes import MemoryCodes
+from spmm_torch.data.error_weights import UNIFORM
 from spmm_torch.data.store import CodeStore, Loading
-from spmm_torch.fit_steps import Steps
-from spmm_torch.memory import slices
+from spmm_torch.fit.cluster import sample_texels
+from spmm_torch.fit.dictionary import Dictionary, build_dictionary
+from spmm_torch.fit.select.clusters import Setting, fit_texels
+from spmm_torch.fit.steps import Steps
+from spmm_torch.lobes.grid import DirectionGrid
 from spmm_torch.metrics import Totals
-from spmm_torch.progress import Progress
-from spmm_torch.ranks import ALONE
-from spmm_torch.stages.cluster import sample_texels
-from spmm_torch.stages.dictionary import Dictionary, build_dictionary
-from spmm_torch.stages.grid import DirectionGrid
-from spmm_torch.stages.texels import Setting, fit_texels
-from spmm_torch.stopwatch import Stopwatch
-from spmm_torch.weights import UNIFORM
+from spmm_torch.runtime.checkpoint import Checkpoint, stage_generator
+from spmm_torch.runtime.memory import slices
+from spmm_torch.runtime.progress import Progress
+from spmm_torch.runtime.ranks import ALONE
+from spmm_torch.runtime.stopwatch import Stopwatch
 
 CPU = torch.device("cpu")
 # Texels of one product: as many as fill the second-level caches many times over.

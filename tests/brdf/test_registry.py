@@ -9,14 +9,7 @@ import torch
 from brdf_cases import ALL_MODELS
 from numpy_twins import TWINS
 
-from spmm_torch.brdf import (
-    BRDF,
-    MAX_PARAMETERS,
-    MODEL_NAMES,
-    PAPER_MODELS,
-    REGISTRY,
-    Parameter,
-)
+from spmm_torch.brdf import BRDF, MAX_PARAMETERS, MODEL_NAMES, PAPER_MODELS, REGISTRY, Parameter
 
 ROWS = [
     pytest.param(row, id=f"{model.name}-{row.name}")

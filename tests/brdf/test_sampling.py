@@ -11,7 +11,7 @@ from torch import Tensor
 
 from spmm_torch.brdf import BRDF
 from spmm_torch.brdf.visible import reflect_about_visible, unit_half_vector, visible_pdf
-from spmm_torch.warp import square_to_beckmann, square_to_beckmann_pdf
+from spmm_torch.geometry.warp import square_to_beckmann, square_to_beckmann_pdf
 from tests.chi2 import Grid
 
 DOWN = torch.tensor([1.0, 1.0, -1.0], dtype=torch.float64)

@@ -14,10 +14,10 @@ from spmm_torch import SPMM
 from spmm_torch.cli.main import main
 from spmm_torch.edit import Script, intensity
 from spmm_torch.edit.examples import packaged
-from spmm_torch.edited_run import EDITS, MASKS
 from spmm_torch.report import REPORT_KEYS, check_report
-from spmm_torch.run_folder import CONFIG, REPORT_PAGE
-from spmm_torch.store import MODEL_FILE
+from spmm_torch.runs.edited import EDITS, MASKS
+from spmm_torch.runs.folder import CONFIG, REPORT_PAGE
+from spmm_torch.runtime.tensor_file import MODEL_FILE
 from tests.render.planted import planted_model
 
 RINGS = ((0.0, 1), (30.0, 6), (60.0, 10))

@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from spmm_torch import BTF, SPMM, FitConfig, load_btf
+from spmm_torch.cli.fit import main
 from spmm_torch.data import sample_path
 from spmm_torch.data.crop import crop_ubo2003
-from spmm_torch.fit import main
 from spmm_torch.report import check_report
 
 CHECKOUT = Path(__file__).parents[2]

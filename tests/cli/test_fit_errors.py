@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spmm_torch.fit import main
-from spmm_torch.geometry import ring_directions
+from spmm_torch.cli.fit import main
+from spmm_torch.geometry.directions import ring_directions
 
 CHECKOUT = Path(__file__).parents[2]
 SMOKE = CHECKOUT / "configs" / "smoke.yaml"

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from safetensors.torch import load_file
 
-from spmm_torch.evaluate import main as evaluate
-from spmm_torch.fit import main
+from spmm_torch.cli.evaluate import main as evaluate
+from spmm_torch.cli.fit import main
 from tests.cli.test_resume import DIRECTIONS, OPTIONS, SIDE, rough, stopped
 from tests.data.test_picture_set import make_files, write_zip
 

@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spmm_torch import fit as fit_module
-from spmm_torch import fit_steps, run_folder
-from spmm_torch.checkpoint import Checkpoint
-from spmm_torch.fit import STOPPED, main
-from spmm_torch.geometry import ring_directions
-from spmm_torch.threads import cpu_threads
+from spmm_torch.cli.fit import main
+from spmm_torch.cli.parser import STOPPED
+from spmm_torch.fit import pipeline as fit_module
+from spmm_torch.fit import steps as fit_steps
+from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.runs import folder
+from spmm_torch.runtime.checkpoint import Checkpoint
+from spmm_torch.runtime.threads import cpu_threads
 
 CHECKOUT = Path(__file__).parents[2]
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
@@ -232,7 +234,7 @@ def test_full_disk_at_the_end_loses_no_stage(
     stopped(source, run, len(STAGES))
     capsys.readouterr()
     with monkeypatch.context() as patch:
-        patch.setattr(run_folder, writer, full_disk)
+        patch.setattr(folder, writer, full_disk)
         assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith(f"error: the disk is full at run folder {run} (")

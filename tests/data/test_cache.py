@@ -19,7 +19,7 @@ from spmm_torch.data import BTF, Selection, cache, load_btf
 from spmm_torch.data.cache import CacheEntry, clear, default_folder, entries, entry_key, file_hash
 from spmm_torch.data.picture_set import PictureSet
 from spmm_torch.errors import OutputError
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 VIEWS = 5
 KEY = entry_key(("a test",))

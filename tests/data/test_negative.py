@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from spmm_torch.convert import main as convert
+from spmm_torch.cli.convert import main as convert
 from spmm_torch.data import BTF, ReadOptions, load_btf
 from spmm_torch.data.writers import write_exr_folder
 from spmm_torch.errors import ConfigError, DataError
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 VIEW = ring_directions()[[0, 3]].numpy()
 LIGHT = ring_directions()[[1, 8, 40]].numpy()

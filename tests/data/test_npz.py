@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from spmm_torch.data import BTF, load_btf, sample_path, write_npz
 from spmm_torch.data.crop import crop_ubo2003
 from spmm_torch.errors import DataError, OutputError
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 VIEW = ring_directions()[[0, 3]].numpy()
 LIGHT = ring_directions()[[1, 8, 40]].numpy()

@@ -12,7 +12,7 @@ import torch
 from spmm_torch.data import BTF, Selection, load_btf
 from spmm_torch.data.ubo2014 import write_ubo2014
 from spmm_torch.errors import DataError
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 PARTS = [
     Selection(crop=(1, 2, 3, 2)),

@@ -16,7 +16,7 @@ from PIL import Image
 
 from spmm_torch.data import load_btf
 from spmm_torch.errors import ConfigError, DataError
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 GRID = ((0, 0), (15, 60), (75, 345))  # (theta, phi), sorted
 Namer = Callable[[int, int, int, int, int], str]

@@ -13,7 +13,7 @@ import torch
 from PIL import Image
 
 from spmm_torch.data import load_btf, picture_set, sample_path
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 

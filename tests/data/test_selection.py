@@ -13,7 +13,7 @@ from torch import Tensor
 
 from spmm_torch.data import BTF, Selection, select_part
 from spmm_torch.errors import ConfigError, DataError
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 RINGS = torch.tensor([1, 6, 12, 18, 20, 24])  # directions at 0, 15, 30, 45, 60, 75 degrees
 NUMBERS = torch.arange(81)

@@ -10,7 +10,7 @@ import torch
 
 from spmm_torch import SPMM, load_btf
 from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES
-from spmm_torch.config import FitConfig
+from spmm_torch.config.fit import FitConfig
 from spmm_torch.data import sample_path
 from spmm_torch.edit import scale_width, spread_normals
 from spmm_torch.edit.energy import (
@@ -21,8 +21,8 @@ from spmm_torch.edit.energy import (
     sample_count,
 )
 from spmm_torch.fit import fit
-from spmm_torch.lobe import LobeBatch
-from spmm_torch.lobe_sampling import LobeTable, lobe_intensity
+from spmm_torch.lobes.batch import LobeBatch
+from spmm_torch.lobes.sampling import LobeTable, lobe_intensity
 from tests.edit.test_lobes import albedo
 
 

@@ -26,8 +26,8 @@ from spmm_torch.edit import (
 from spmm_torch.edit.normals import tilted
 from spmm_torch.edit.parts import entry_texels
 from spmm_torch.edit.widths import power_law, scaled_widths
-from spmm_torch.geometry import MAX_TILT, hemisphere_spiral
-from spmm_torch.lobe_sampling import LobeTable, lobe_intensity
+from spmm_torch.geometry.directions import MAX_TILT, hemisphere_spiral
+from spmm_torch.lobes.sampling import LobeTable, lobe_intensity
 from tests.edit.looks import check_valid, look
 
 

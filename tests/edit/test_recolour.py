@@ -21,7 +21,7 @@ from spmm_torch.edit.colour import (
 from spmm_torch.edit.look import sample_look
 from spmm_torch.edit.parts import entry_texels, with_parts
 from spmm_torch.edit.recolour import non_negative
-from spmm_torch.model import SparseWeights
+from spmm_torch.model.spmm import SparseWeights
 from tests.edit.looks import check_valid, look
 
 COLOURS = torch.rand(200, 3, generator=torch.Generator().manual_seed(1))

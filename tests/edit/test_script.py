@@ -12,7 +12,7 @@ import torch
 import yaml
 from PIL import Image
 
-from spmm_torch import SPMM, ConfigError, SPMMError, store
+from spmm_torch import SPMM, ConfigError, SPMMError
 from spmm_torch.edit import (
     EDITS,
     MASKS,
@@ -25,6 +25,7 @@ from spmm_torch.edit import (
     select_texels,
     spread_normals,
 )
+from spmm_torch.runtime import tensor_file
 from tests.edit.looks import check_valid, look
 
 EVERYTHING = """
@@ -91,7 +92,7 @@ def test_paths_are_relative_to_the_script(model: SPMM, tmp_path: Path) -> None:
     codes = np.zeros((8, 8), dtype=np.uint8)
     codes[:4] = 255
     Image.fromarray(codes).save(tmp_path / "top.png")
-    (tmp_path / store.MODEL_FILE).write_bytes(model.pack())
+    (tmp_path / tensor_file.MODEL_FILE).write_bytes(model.pack())
     (tmp_path / "edits.yaml").write_text(
         "- intensity: {factor: 2, mask: {picture: {path: top.png}}}\n"
         "- blend: {path: ., amount: 0.5}\n"

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from spmm_torch.cli.fit import main as fit
 from spmm_torch.data import BTF
-from spmm_torch.fit import main as fit
 from spmm_torch.render import RenderSettings
 from tests.render.planted import planted_model, tabulated
 

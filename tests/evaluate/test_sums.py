@@ -10,7 +10,7 @@ from spmm_torch import SPMM
 from spmm_torch.evaluate import sums
 from spmm_torch.evaluate.angles import by_angle, rings
 from spmm_torch.evaluate.sums import squared_errors
-from spmm_torch.geometry import direction_pairs, hemisphere_spiral, ring_directions
+from spmm_torch.geometry.directions import direction_pairs, hemisphere_spiral, ring_directions
 from tests.evaluate.runs import RINGS, planted_btf
 from tests.render.planted import planted_model
 

@@ -20,10 +20,15 @@ from torch import Tensor
 
 from spmm_torch import BTF, SPMM, FitConfig
 from spmm_torch.fit import FitResult, fit
-from spmm_torch.geometry import UBO2003_RINGS, UBO2014_RINGS, direction_pairs, ring_directions
+from spmm_torch.geometry.directions import (
+    UBO2003_RINGS,
+    UBO2014_RINGS,
+    direction_pairs,
+    ring_directions,
+)
 from spmm_torch.metrics import snr_db
 from spmm_torch.render.btf_material import BTFMaterial
-from tests.figures import FOUR_LOBES, measured_brdf, measured_names, one_texel
+from tests.benchmarks.material_errors import FOUR_LOBES, measured_brdf, measured_names, one_texel
 
 # The relative error between samples may be this many times that on samples.
 FACTOR = 2.0

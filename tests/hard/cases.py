@@ -17,8 +17,8 @@ from torch import Tensor
 from spmm_torch import BTF, FitConfig
 from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES
 from spmm_torch.fit import FitResult, fit
-from spmm_torch.geometry import direction_from_angles, direction_pairs, ring_directions
-from spmm_torch.lobe import LobeBatch
+from spmm_torch.geometry.directions import direction_from_angles, direction_pairs, ring_directions
+from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.metrics import snr_db
 
 # 31 directions, 20 degrees apart, and five rings of ten that reach the horizon.

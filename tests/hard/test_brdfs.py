@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.figures import shared_data
+from tests.benchmarks.material_errors import shared_data
 from tests.hard.brdfs import FACTOR, figure, fitted
 
 

@@ -8,7 +8,7 @@ import torch
 from scipy.optimize import nnls
 from torch import Tensor
 
-from spmm_torch.solvers.corrective import select_corrective
+from spmm_torch.solvers.foba import select_corrective
 from spmm_torch.solvers.nnls import nnls_gram
 from tests.hard.cases import COARSE, TWINS, batch
 

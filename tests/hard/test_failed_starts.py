@@ -10,7 +10,7 @@ from torch import Tensor
 from spmm_torch import BTF, FitConfig
 from spmm_torch.brdf import REGISTRY
 from spmm_torch.fit import fit
-from spmm_torch.progress import Progress
+from spmm_torch.runtime.progress import Progress
 from tests.hard.cases import CASES, QUICK, merged
 
 LAFORTUNE = [brdf.name for brdf in REGISTRY].index("lafortune")

@@ -7,16 +7,22 @@ import torch
 from torch import Tensor
 
 from spmm_torch import FitConfig, load_btf
-from spmm_torch.config import SelectConfig, StagewiseConfig
+from spmm_torch.config.fit import SelectConfig, StagewiseConfig
 from spmm_torch.data import sample_path
 from spmm_torch.fit import fit
-from spmm_torch.lobe import Feasible, LobeBatch
-from spmm_torch.stages.bank import Bank, build_bank
-from spmm_torch.stages.corrective import CorrectiveSearch
-from spmm_torch.stages.grid import DirectionGrid
-from spmm_torch.stages.mixtures import Mixtures
-from spmm_torch.stages.products import cluster_products
-from spmm_torch.stages.select import Fit, Products, select, squared_errors, target_beside_residual
+from spmm_torch.fit.search.bank import Bank, build_bank
+from spmm_torch.fit.search.joint import CorrectiveSearch
+from spmm_torch.fit.search.mixtures import Mixtures
+from spmm_torch.fit.select.products import cluster_products
+from spmm_torch.fit.select.texels import (
+    Fit,
+    Products,
+    select,
+    squared_errors,
+    target_beside_residual,
+)
+from spmm_torch.lobes.batch import Feasible, LobeBatch
+from spmm_torch.lobes.grid import DirectionGrid
 from tests.hard.cases import COARSE, GLOSS, QUICK, noisy, planted_texture
 
 CONFIG = FitConfig.from_dict(QUICK)

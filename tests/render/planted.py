@@ -10,12 +10,12 @@ from torch import Tensor
 
 from spmm_torch import BTF, SPMM
 from spmm_torch.brdf import MODEL_NAMES
-from spmm_torch.geometry import UBO2003_RINGS, direction_from_angles, ring_directions
-from spmm_torch.lobe import COORDINATES, decode
-from spmm_torch.model import SparseWeights
+from spmm_torch.geometry.directions import UBO2003_RINGS, direction_from_angles, ring_directions
+from spmm_torch.geometry.warp import square_to_power_cosine, square_to_power_cosine_pdf
+from spmm_torch.lobes.batch import COORDINATES, decode
+from spmm_torch.model.residual import Residual
+from spmm_torch.model.spmm import SparseWeights
 from spmm_torch.render.direct import Hits
-from spmm_torch.residual import Residual
-from spmm_torch.warp import square_to_power_cosine, square_to_power_cosine_pdf
 
 # By name: a BRDF that is new does not change what is planted.
 DIFFUSE = ("lambertian", "oren_nayar")

@@ -10,7 +10,7 @@ import torch
 
 from spmm_torch import BTF, load_btf
 from spmm_torch.data import sample_path
-from spmm_torch.geometry import UBO2003_RINGS, ring_directions
+from spmm_torch.geometry.directions import UBO2003_RINGS, ring_directions
 from spmm_torch.render import (
     BTFMaterial,
     Camera,

@@ -13,10 +13,10 @@ from torch import Tensor
 
 from spmm_torch.data.codecs import openexr, radiance
 from spmm_torch.errors import DataError
+from spmm_torch.geometry.warp import square_to_uniform_hemisphere
 from spmm_torch.render import CosineSampled, EnvironmentLight, SampledMaterial, turn
 from spmm_torch.render.direct import from_environment, lit_values
 from spmm_torch.render.material import with_sampler
-from spmm_torch.warp import square_to_uniform_hemisphere
 from tests.render.planted import Lambertian, Shiny, hits_of
 
 SIGNIFICANCE = 0.01

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from spmm_torch.brdf import PAPER_MODELS
 from spmm_torch.data import BTF
-from spmm_torch.geometry import ring_directions
-from spmm_torch.lobe import COORDINATES, decode
-from spmm_torch.model import SPMM, SparseWeights
-from spmm_torch.residual import Residual
+from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.lobes.batch import COORDINATES, decode
+from spmm_torch.model.residual import Residual
+from spmm_torch.model.spmm import SPMM, SparseWeights
 
 CLUSTERS, LOBES = 4, 2 * len(PAPER_MODELS)
 NAME = '<b>"wool" & felt</b>'

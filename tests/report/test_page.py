@@ -17,7 +17,7 @@ import torch
 from PIL import Image
 
 from spmm_torch.data import BTF
-from spmm_torch.model import SPMM
+from spmm_torch.model.spmm import SPMM
 from spmm_torch.report import write_html
 from spmm_torch.report.markup import VOID, Markup, tag
 from spmm_torch.report.pairs import choose_pairs

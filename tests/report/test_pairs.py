@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch.geometry import UBO2003_RINGS, UBO2014_RINGS, ring_directions
+from spmm_torch.geometry.directions import UBO2003_RINGS, UBO2014_RINGS, ring_directions
 from spmm_torch.report.pairs import WANTED, angles, choose_pairs
 
 UP = torch.tensor([[0.0, 0.0, 1.0]])

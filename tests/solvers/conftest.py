@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from spmm_torch.threads import cpu_threads
+from spmm_torch.runtime.threads import cpu_threads
 
 
 @pytest.fixture(autouse=True)

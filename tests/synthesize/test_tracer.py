@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spmm_torch.progress import Progress
+from spmm_torch.runtime.progress import Progress
 from spmm_torch.synthesize.maps import TextureMaps
 from spmm_torch.synthesize.settings import SynthesisSettings
 from spmm_torch.synthesize.tracer import PathTracer, stratify

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from spmm_torch.errors import ConfigError
-from spmm_torch.progress import Progress
+from spmm_torch.runtime.progress import Progress
 from spmm_torch.synthesize import variant
 
 SILENT = Progress(enabled=False)

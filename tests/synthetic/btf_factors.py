@@ -17,7 +17,7 @@ import numpy as np
 
 from spmm_torch.data.ubo2014 import FactorRows, Header, write_factors
 from spmm_torch.errors import SPMMError
-from spmm_torch.geometry import UBO2003_RINGS, UBO2014_RINGS
+from spmm_torch.geometry.directions import UBO2003_RINGS, UBO2014_RINGS
 
 RINGS = {"ubo2003": UBO2003_RINGS, "ubo2014": UBO2014_RINGS}
 VARIANT = "DFMF08FC"

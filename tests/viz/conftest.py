@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from spmm_torch import SPMM
-from spmm_torch.store import MODEL_FILE
+from spmm_torch.runtime.tensor_file import MODEL_FILE
 from tests.render.planted import planted_model
 
 

@@ -9,7 +9,7 @@ import torch
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.errors import ConfigError
-from spmm_torch.geometry import direction_from_angles
+from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.viz.maps import count_map, maps_scene, mean_normals, model_map, strongest_models
 from spmm_torch.viz.mosaic import mosaic_scene, spread_texels, texel_places
 from spmm_torch.viz.palette import model_colour

@@ -9,13 +9,8 @@ import pytest
 import torch
 
 from spmm_torch import SPMM
-from spmm_torch.geometry import direction_from_angles
-from spmm_torch.viz.polar import (
-    mirror_directions,
-    polar_directions,
-    polar_points,
-    polar_triangles,
-)
+from spmm_torch.geometry.directions import direction_from_angles
+from spmm_torch.viz.polar import mirror_directions, polar_directions, polar_points, polar_triangles
 from spmm_torch.viz.scene import Surface
 from spmm_torch.viz.texel import luminance, texel_index, texel_lobes
 from spmm_torch.viz.texel_scene import HALF_GAP, texel_scene

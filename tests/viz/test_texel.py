@@ -10,7 +10,7 @@ import torch
 from spmm_torch import SPMM, load_btf
 from spmm_torch.data import sample_path
 from spmm_torch.errors import ConfigError, DataError
-from spmm_torch.geometry import direction_from_angles
+from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.viz.measured import measured_input, measured_samples
 from spmm_torch.viz.texel import angles_text, lobe_text, luminance, texel_index, texel_lobes
 from tests.render.planted import planted_model, tabulated

@@ -12,8 +12,8 @@ from functools import wraps
 from pathlib import Path
 from typing import Any
 
-from ...device import full_precision
 from ...errors import SPMMError
+from ...runtime.device import full_precision
 from .drawing import Drawing
 from .lobe_cache import Stopped
 from .page import build_page

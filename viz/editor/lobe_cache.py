@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ...lobe import LobeBatch
-from ...lobe_pairs import eval_pairs
-from ...model import SPMM
+from ...lobes.batch import LobeBatch
+from ...lobes.pairs import eval_pairs
+from ...model.spmm import SPMM
 
 # Pairs between two questions whether to stop: some ten milliseconds.
 BLOCK = 1 << 18

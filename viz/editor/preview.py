@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from ...model import SPMM
+from ...model.spmm import SPMM
 from ...render.display import auto_exposure, display_codes
 from ..palette import PAGE, Colour
 from ..slice_picture import slice_codes

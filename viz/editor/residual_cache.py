@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ...model import SPMM
+from ...model.spmm import SPMM
 
 
 class ResidualCache:

@@ -12,9 +12,9 @@ import yaml
 from ...edit import Script
 from ...edit.mask_options import Mask
 from ...edit.script import Step
-from ...edited_run import save_edited_run
 from ...errors import ConfigError, SPMMError
-from ...model import SPMM
+from ...model.spmm import SPMM
+from ...runs.edited import save_edited_run
 from .sliders import BY_NAME, NEUTRAL, SLIDERS, steps_of
 
 # Models after the first edits of a script that are kept: a slider then costs its own edit only.

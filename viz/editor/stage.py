@@ -16,8 +16,8 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from ...errors import ConfigError
-from ...geometry import texel_at
-from ...model import SPMM
+from ...geometry.directions import texel_at
+from ...model.spmm import SPMM
 from ...render.camera import Camera
 from ...render.lights import DirectionalLight
 from ...render.shapes import Plane, Sphere, Texture

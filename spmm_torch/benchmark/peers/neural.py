@@ -12,7 +12,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from ...geometry import direction_pairs
+from ...geometry.directions import direction_pairs
 from ..protocol import Timing, now
 from .problem import HALF_BYTES, WHOLE, Peer, Problem, Row, row, snr_of
 

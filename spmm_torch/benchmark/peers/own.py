@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import torch
 
+from ...fit.dictionary import FoundLobes
+from ...fit.search.lobes import search_lobes
+from ...fit.select.products import cluster_products
+from ...fit.select.texels import Fit, Products, select, squared_errors, target_beside_residual
 from ...metrics import snr_db
-from ...stages.dictionary import FoundLobes
-from ...stages.products import cluster_products
-from ...stages.search import search_lobes
-from ...stages.select import Fit, Products, select, squared_errors, target_beside_residual
 from ..protocol import Timing, measure
 from ..variants import DEFAULT, shipped
 from .problem import SEARCH, SELECTION, WHOLE, Peer, Problem, Row, row

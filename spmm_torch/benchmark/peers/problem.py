@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from ...data import BTF
+from ...lobes.grid import DirectionGrid
 from ...metrics import snr_db
-from ...stages.grid import DirectionGrid
 from ..fits import TimedFit
 from ..protocol import Protocol, Timing
 from ..scope import Scope

@@ -14,8 +14,8 @@ from scipy.optimize import minimize, nnls
 from torch import Tensor
 
 from ...brdf import MODEL_NAMES
-from ...geometry import MAX_DISK_RADIUS
-from ...lobe import COORDINATES, Feasible
+from ...geometry.directions import MAX_DISK_RADIUS
+from ...lobes.batch import COORDINATES, Feasible
 from ..protocol import measure
 from ..variants import DEFAULT, shipped
 from .problem import SEARCH, Peer, Problem, Row, row, snr_of

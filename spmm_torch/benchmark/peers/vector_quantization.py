@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import torch
 
-from ...config import ClusterConfig
+from ...config.fit import ClusterConfig
+from ...fit.cluster import principal_points
 from ...solvers.kmeans import kmeans
-from ...stages.cluster import principal_points
 from ..protocol import measure
 from .problem import HALF, HALF_BYTES, WHOLE, Peer, Problem, Row, row, snr_of
 

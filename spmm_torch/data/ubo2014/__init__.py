@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...geometry import direction_from_angles
+from ...geometry.directions import direction_from_angles
 from ..btf import BTF
 from ..directions import checked_directions
 from ..options import DEFAULT_OPTIONS, ReadOptions

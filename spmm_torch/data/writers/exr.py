@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ...runtime.atomic import new_folder
 from ..btf import BTF
 from ..codecs import openexr
 from ..store import Progress
-from .atomic import new_folder
 from .names import picture_names
 from .views import fits_half, pictures_of_views
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 
+from ...runtime.atomic import new_file, zip_member
 from ..btf import BTF
 from ..store import Progress
-from .atomic import new_file, zip_member
 from .views import fits_half, pictures_of_views
 
 HALF, SINGLE = np.dtype("<f2"), np.dtype("<f4")

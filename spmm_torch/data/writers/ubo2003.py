@@ -10,10 +10,10 @@ import numpy as np
 from PIL import Image
 
 from ...errors import ConfigError, OutputError
-from ..btf import BTF, DISPLAY_GAMMA
-from ..options import ReadOptions
+from ...runtime.atomic import new_file, zip_member
+from ..btf import BTF
+from ..options import DISPLAY_GAMMA, ReadOptions
 from ..store import Progress
-from .atomic import new_file, zip_member
 from .names import picture_names
 from .views import pictures_of_views
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spmm_torch.data import BTF
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 VIEWS, LIGHTS, WIDTH, HEIGHT = 2, 3, 4, 5
 VIEW = np.radians(np.array([[0.0, 0.0], [60.0, 135.0]], dtype=np.float32))

@@ -14,7 +14,7 @@ from spmm_torch.data import BTF, ubo2014
 from spmm_torch.data.ubo2014 import FactorRows, Header, write_factors, write_ubo2014
 from spmm_torch.data.ubo2014.header import VARIANTS
 from spmm_torch.errors import ConfigError, DataError, OutputError
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 from tests.data.ubo2014.planted import HEIGHT, LIGHT, VIEW, WIDTH, planted, random_btf
 from tests.data.ubo2014.public_loader import load
 

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from spmm_torch.data import BTF
-from spmm_torch.geometry import ring_directions
+from spmm_torch.geometry.directions import ring_directions
 
 SHAPE = (2, 3, 4, 5, 3)
 

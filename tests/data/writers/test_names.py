@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from spmm_torch.data.pictures import parse_angles, unit_vectors
 from spmm_torch.data.writers.names import picture_names
 from spmm_torch.errors import OutputError
-from spmm_torch.geometry import UBO2014_RINGS, direction_from_angles, ring_directions
+from spmm_torch.geometry.directions import UBO2014_RINGS, direction_from_angles, ring_directions
 
 BONN = re.compile(
     r"tv(\d{3})_pv(\d{3})/(\d{5}) tl(\d{3}) pl(\d{3}) tv(?P<tv>\d{3}) pv(?P<pv>\d{3})\.jpg"

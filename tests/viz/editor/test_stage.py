@@ -19,7 +19,7 @@ from spmm_torch.edit import (
     spread_normals,
 )
 from spmm_torch.errors import ConfigError
-from spmm_torch.geometry import direction_from_angles
+from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.render import DirectionalLight
 from spmm_torch.render.camera import Camera
 from spmm_torch.render.renderer import RenderSettings, Scene, render

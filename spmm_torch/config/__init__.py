@@ -1,0 +1,1 @@
+"""Typed settings with ranges, read from and written to YAML."""

@@ -1,0 +1,246 @@
+"""Settings of a fit: frozen dataclasses, read from and written to YAML.
+
+Every field carries its meaning and range; an unknown key is an error that names the nearest
+valid one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import ConfigError
+from .schema import assign, from_dict, parse_value, plain, read_yaml, setting
+
+MODELS = (
+    "lambertian",
+    "oren_nayar",
+    "blinn_phong",
+    "ward",
+    "cook_torrance",
+    "lafortune",
+    "ashikhmin_shirley",
+)
+OPTIONAL_MODELS = ("ward_duer",)
+
+
+@dataclass(frozen=True)
+class DataConfig:
+    """How the input is read."""
+
+    gamma: float = setting(2.2, "exponent that makes 8-bit codes linear", low=0.01, high=10.0)
+    cosine: str = setting(
+        "auto",
+        "cosine of the light: included in the values, missing, or auto: as a .btf says of itself, "
+        "included in all others",
+        choices=("auto", "included", "missing"),
+    )
+    negative: str = setting(
+        "refuse",
+        "values below zero, such as noise after dark-frame subtraction: refuse, clip to zero, keep",
+        choices=("refuse", "clip", "keep"),
+    )
+    missing: str = setting(
+        "refuse",
+        "pairs of directions without a picture: refuse them, or mask them: they then count nowhere",
+        choices=("refuse", "mask"),
+    )
+    crop: tuple[int, ...] | None = setting(
+        None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
+    )
+    texels: int | None = setting(None, "take about so many texels, spread evenly", low=1)
+    directions: str | None = setting(
+        None, "take every K-th ring, polar angles (0,30,60), or indices (views=0-8;lights=0,4)"
+    )
+
+
+@dataclass(frozen=True)
+class WeightsConfig:
+    """How much an error counts, by texel and direction pair; as much everywhere by default."""
+
+    scene: str | None = setting(None, "scene (YAML) by whose pictures errors count")
+    file: str | None = setting(
+        None, "NPZ of weights: pair [views, lights], texel [height, width], or one of them"
+    )
+    floor: float = setting(
+        0.05, "share of those weights that is spread evenly over all values", low=0.0, high=1.0
+    )
+    error: str = setting(
+        "l2",
+        "l2: squared errors (paper); cube-root, log: squared errors of compressed values, about",
+        choices=("l2", "cube-root", "log"),
+    )
+
+
+@dataclass(frozen=True)
+class ClusterConfig:
+    """k-means over all texels [WDR11 §4.1]."""
+
+    count: int = setting(32, "clusters, k", low=1)
+    components: int = setting(32, "principal components in which texels are compared", low=1)
+    iterations: int = setting(100, "Lloyd iterations at most", low=1)
+
+
+@dataclass(frozen=True)
+class SampleConfig:
+    """Stratified samples of each cluster [WDR11 §4.1]."""
+
+    per_cluster: int = setting(8, "texels sampled in each cluster, one a sub-cluster", low=1)
+
+
+@dataclass(frozen=True)
+class SearchConfig:
+    """The search for lobes on the samples [WDR11 §3.2, Eq. 5]."""
+
+    method: str = setting(
+        "corrective",
+        "stagewise: the paper's; corrective: refits all lobes of a sample after each new one",
+        choices=("stagewise", "corrective"),
+    )
+    models: tuple[str, ...] = setting(
+        MODELS, "BRDFs that lobes may use", choices=MODELS + OPTIONAL_MODELS
+    )
+    max_lobes: int = setting(4, "lobes a sample at most", low=1, high=64)
+    restarts: int | None = setting(
+        None, "starts a new lobe is tried from; null: as many as fill a batch, 8 at most", low=1
+    )
+    min_width: float = setting(
+        0.25,
+        "narrowest lobe, in units of the angle between measured directions; half of it where the "
+        "samples are exact sums of few lobes",
+        low=0.0,
+        high=4,
+    )
+    bank_normals: int | None = setting(
+        None, "normals of the bank of candidate lobes; null: 120 for few samples, else 64", low=1
+    )
+    min_gain: float = setting(
+        0.005, "share of a sample's remaining error that a new lobe must take away", low=0.0, high=1
+    )
+    refine_steps: int = setting(4, "Levenberg-Marquardt steps after a new lobe, at most", low=0)
+    final_steps: int = setting(40, "Levenberg-Marquardt steps after the last lobe, at most", low=0)
+    tolerance: float = setting(
+        0.003, "share of a sample's error that another step must take away", low=0.0, high=1.0
+    )
+    exchanges: int = setting(16, "times that lobes of a few samples are searched anew", low=0)
+    pairs: int = setting(512, "direction pairs on which Eq. 5 is climbed (stagewise)", low=16)
+    adam_steps: int = setting(8, "Adam steps of each start of Eq. 5 (stagewise)", low=0)
+    lbfgs_steps: int = setting(16, "L-BFGS evaluations of each start of Eq. 5 (stagewise)", low=0)
+
+
+@dataclass(frozen=True)
+class StagewiseConfig:
+    """Stagewise Lasso [ZY07], relative to the norm of each signal."""
+
+    eta: float = setting(0.05, "step size", low=1e-4, high=0.5)
+    lambda_min: float = setting(0.05, "regularization at which the path ends", low=0.0)
+    max_steps: int = setting(200, "forward and backward steps at most", low=1)
+
+
+@dataclass(frozen=True)
+class DictionaryConfig:
+    """The dictionary made of all lobes found on the samples [WDR11 §4.1]."""
+
+    scope: str = setting(
+        "shared",
+        "cluster: a texel chooses from its own cluster's lobes (paper); shared: from all",
+        choices=("cluster", "shared"),
+    )
+    merge: float = setting(0.999, "correlation above which two lobes are one", low=0.0, high=1.0)
+
+
+@dataclass(frozen=True)
+class SelectConfig:
+    """The sparse fit of every texel with the dictionary [WDR11 §4.1]."""
+
+    method: str = setting(
+        "corrective",
+        "stagewise: the paper's; corrective: refits the weights after each new lobe",
+        choices=("stagewise", "corrective"),
+    )
+    max_lobes: int | None = setting(None, "lobes a texel at most; null: no limit", low=1)
+    min_gain: float = setting(
+        0.005, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
+    )
+    pilot: int | None = setting(
+        64,
+        "texels of a large cluster, of more than four times as many, that choose from the whole "
+        "dictionary; what lobes they choose is all that the others may; null: all texels",
+        low=1,
+    )
+
+
+@dataclass(frozen=True)
+class ResidualConfig:
+    """The residual function of each cluster [WDR11 §4.1]."""
+
+    joint: bool = setting(
+        True, "fit weights for the errors without and with residual together; false: paper"
+    )
+    alternations: int = setting(3, "times that weights and residual are refit in turn", low=1)
+    precision: str = setting("float16", "storage of the residual", choices=("float16", "float32"))
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """All settings of a fit; the defaults are `configs/default.yaml`."""
+
+    data: DataConfig = field(default_factory=DataConfig)
+    weights: WeightsConfig = field(default_factory=WeightsConfig)
+    cluster: ClusterConfig = field(default_factory=ClusterConfig)
+    sample: SampleConfig = field(default_factory=SampleConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    stagewise: StagewiseConfig = field(default_factory=StagewiseConfig)
+    dictionary: DictionaryConfig = field(default_factory=DictionaryConfig)
+    select: SelectConfig = field(default_factory=SelectConfig)
+    residual: ResidualConfig = field(default_factory=ResidualConfig)
+    auto: bool = setting(
+        False, "leave out models and lobes that do not pay for their bytes on held-out directions"
+    )
+    seed: int = setting(0, "seed of every random choice", low=0)
+    device: str = setting("auto", "auto, cpu, cuda or cuda:N")
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> FitConfig:
+        """Settings from nested plain values as YAML gives them; missing keys keep the default.
+
+        Raises:
+            ConfigError: unknown key, wrong type or value out of range.
+        """
+        return from_dict(cls, values)
+
+    @classmethod
+    def from_yaml(cls, path: Path | str) -> FitConfig:
+        """Settings from a YAML file.
+
+        Raises:
+            ConfigError: no such file, no YAML, or not valid settings.
+        """
+        return cls.from_dict(read_yaml(path))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Nested plain values; `from_dict` takes them back."""
+        return plain(asdict(self))
+
+    def to_yaml(self) -> str:
+        """The settings as YAML text."""
+        return yaml.safe_dump(self.to_dict(), sort_keys=False)
+
+    def override(self, assignments: list[str]) -> FitConfig:
+        """The settings after assignments like `search.restarts=8`, values in YAML.
+
+        Raises:
+            ConfigError: no `=`, unknown key, wrong type or value out of range.
+        """
+        values = self.to_dict()
+        for assignment in assignments:
+            key, separator, text = assignment.partition("=")
+            if not separator:
+                raise ConfigError(
+                    f"--set {assignment} has no '='; expected KEY=VALUE such as search.restarts=8."
+                )
+            assign(values, key.strip().split("."), parse_value(text, assignment))
+        return FitConfig.from_dict(values)

@@ -1,0 +1,59 @@
+"""The model made of what the stages found: lobes in use, entries by texel, residuals."""
+
+from __future__ import annotations
+
+import torch
+
+from ..data import BTF
+from ..lobes.batch import LobeBatch
+from ..model.residual import Residual
+from ..model.spmm import SPMM, SparseWeights
+from .cluster import Clusters
+from .select.clusters import ClusterFit
+
+
+def assemble(btf: BTF, clusters: Clusters, lobes: LobeBatch, fits: list[ClusterFit]) -> SPMM:
+    """The model on the CPU; lobes that no texel uses are left out."""
+    entries = _entries(clusters, fits)
+    used, index = torch.unique(entries.index, return_inverse=True)
+    views, lights = len(btf.view), len(btf.light)
+    residual = Residual(
+        torch.stack([fit.code.unflatten(0, (views, lights)) for fit in fits]),
+        torch.stack([fit.scale for fit in fits]),
+        btf.light,
+        btf.view,
+    )
+    return SPMM(
+        btf.height,
+        btf.width,
+        lobes.to("cpu").detach()[used],
+        SparseWeights(entries.offset, index, entries.weight),
+        clusters.labels,
+        residual,
+        btf.light,
+        btf.view,
+        btf.name,
+    )
+
+
+def _entries(clusters: Clusters, fits: list[ClusterFit]) -> SparseWeights:
+    """Entries of all texels in their order, without padding."""
+    texels, index, weight = [], [], []
+    for members, fit in zip(clusters.members, fits, strict=True):
+        real = fit.index >= 0  # [n, M]
+        texels.append(members[:, None].expand(real.shape)[real])
+        index.append(fit.index[real])
+        weight.append(fit.weights[real])
+    texel = torch.cat(texels)
+    order = torch.argsort(texel, stable=True)
+    count = torch.bincount(texel, minlength=len(clusters.labels))
+    offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
+    return SparseWeights(offset, torch.cat(index)[order], torch.cat(weight)[order])
+
+
+def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None:
+    """One sentence where the texels did not allow as many clusters as were asked for."""
+    if count == asked:
+        return None
+    cause = f"only {texels} texels" if texels < asked else "too few distinct texels"
+    return f"warning: cluster.count lowered from {asked} to {count}, there are {cause}"

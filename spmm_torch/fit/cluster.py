@@ -1,0 +1,160 @@
+"""Stages cluster and sample: k-means over all texels, and stratified samples [WDR11 §4.1]."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..config.fit import ClusterConfig, SampleConfig
+from ..data import BTF
+from ..data.blocks import block_texels
+from ..data.error_weights import UNIFORM, Weights
+from ..runtime.memory import slices
+from ..runtime.ranks import ALONE, Ranks
+from ..solvers.kmeans import kmeans
+
+# Columns that the randomized sketch carries beyond the components asked for [HMT11, §4.2].
+OVERSAMPLING = 8
+# Share of a texel's norm that the float32 sums behind its coordinates may be off by, generously:
+# equal texels then stay equal whatever block they were in.
+COORDINATE_ROUNDING = 1e-5
+
+Advance = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Texels by cluster.
+
+    Attributes:
+        points: principal coordinates of the texels, `[T, P]`.
+        labels: cluster of each texel, `[T]`, 0 to K - 1; every cluster has a texel.
+        members: texel indices of each cluster, ascending.
+    """
+
+    points: Tensor
+    labels: Tensor
+    members: list[Tensor]
+
+    @classmethod
+    def of_labels(cls, points: Tensor, labels: Tensor) -> Clusters:
+        """The clusters that labels 0 to K - 1 make."""
+        count = int(labels.max()) + 1
+        return cls(points, labels, [torch.nonzero(labels == k).squeeze(1) for k in range(count)])
+
+    def to_tensors(self) -> dict[str, Tensor]:
+        """For a checkpoint."""
+        return {"points": self.points, "labels": self.labels}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> Clusters:
+        """From a checkpoint."""
+        return cls.of_labels(tensors["points"], tensors["labels"])
+
+
+def principal_points(
+    btf: BTF,
+    components: int,
+    generator: torch.Generator,
+    device: torch.device,
+    advance: Advance,
+    ranks: Ranks = ALONE,
+    weights: Weights = UNIFORM,
+) -> Tensor:
+    """Coordinates `[T, P]` of the texels on their leading right singular vectors.
+
+    A randomized range finder with one power iteration [Halko, Martinsson, Tropp 2011, Alg. 4.4]:
+    distances between texels are kept but for what the components leave out, and k-means never
+    touches vectors of D * C values. Calls `advance(texels)` along the way, 2 T in all.
+    """
+    width = btf.pair_count * btf.channels
+    rank = min(components + OVERSAMPLING, btf.texel_count, width)
+    probe = torch.randn(btf.pair_count, btf.channels, rank, generator=generator)
+    probe = probe.transpose(0, 1).reshape(width, rank).to(device)  # channels first, as signals
+    blocks = list(slices(btf.texel_count, block_texels(btf, device)))
+    mine = blocks[ranks.rank :: ranks.size]
+    # In float64, so that the order of the blocks does not show.
+    back = torch.zeros(width, rank, dtype=torch.float64, device=device)
+    for block in mine:  # Y^T (Y probe), without keeping Y
+        values = _weighted(weights, weights.signals(btf, block, device).flatten(1), block)
+        back += values.T @ (values @ probe)
+        advance(ranks.size * len(values))
+    basis = torch.linalg.qr(ranks.sum(back).float()).Q  # [D C, rank], the right singular space
+    points = torch.zeros(btf.texel_count, rank)
+    for block in mine:
+        values = weights.signals(btf, block, device).flatten(1)
+        points[block] = (values @ basis).cpu()
+        advance(ranks.size * len(values))
+    points = ranks.sum(points)  # each row is zero on all ranks but one
+    spread = _weighted(weights, points, slice(None))
+    rotation = torch.linalg.svd(spread, full_matrices=False).Vh.T
+    return (points @ rotation)[:, :components]
+
+
+def _weighted(weights: Weights, rows: Tensor, texels: slice) -> Tensor:
+    """Rows `[n, P]` of some texels, scaled by sqrt(v_t)."""
+    of_texels = weights.of_texels(texels, rows.device)
+    return rows if of_texels is None else rows * of_texels.sqrt()[:, None]
+
+
+def cluster_texels(
+    btf: BTF,
+    config: ClusterConfig,
+    generator: torch.Generator,
+    device: torch.device,
+    advance: Advance,
+    ranks: Ranks = ALONE,
+    weights: Weights = UNIFORM,
+) -> Clusters:
+    """k-means of all texels; fewer clusters where there are fewer distinct texels."""
+    points = principal_points(btf, config.components, generator, device, advance, ranks, weights)
+    count = min(config.count, btf.texel_count)
+    own = weights.of_texels(slice(None))
+    labels = ranks.first(
+        lambda: (
+            kmeans(
+                points,
+                count,
+                generator,
+                iterations=config.iterations,
+                resolution=COORDINATE_ROUNDING * points.norm(dim=1),
+                weights=own,
+            ).labels
+        )
+    )
+    return Clusters.of_labels(points, labels)
+
+
+def sample_texels(
+    clusters: Clusters,
+    config: SampleConfig,
+    generator: torch.Generator,
+    weights: Weights = UNIFORM,
+) -> tuple[Tensor, Tensor]:
+    """One random texel of each sub-cluster of each cluster, by weight.
+
+    Returns:
+        (texel index `[S]`, its cluster `[S]`).
+    """
+    texels, owners = [], []
+    for cluster, members in enumerate(clusters.members):
+        count = min(config.per_cluster, len(members))
+        points, own = clusters.points[members], weights.of_texels(members)
+        resolution = COORDINATE_ROUNDING * points.norm(dim=1)
+        labels = kmeans(points, count, generator, resolution=resolution, weights=own).labels
+        for stratum in range(int(labels.max()) + 1):
+            inside = members[labels == stratum]
+            texels.append(inside[_drawn(inside, weights, generator)])
+            owners.append(cluster)
+    return torch.stack(texels), torch.tensor(owners)
+
+
+def _drawn(texels: Tensor, weights: Weights, generator: torch.Generator) -> int:
+    """The place of one of some texels, drawn by weight."""
+    chance = weights.of_texels(texels)
+    if chance is None or not bool(chance.any()):
+        return int(torch.randint(len(texels), (1,), generator=generator))
+    return int(torch.multinomial(chance.double(), 1, generator=generator))

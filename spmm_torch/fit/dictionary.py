@@ -1,0 +1,91 @@
+"""Stage dictionary: the union of all lobes found on the samples, without repeats [WDR11 §4.1]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ..config.fit import DictionaryConfig
+from ..lobes.batch import LobeBatch
+from ..lobes.grid import DirectionGrid, distinct
+
+
+@dataclass(frozen=True)
+class FoundLobes:
+    """What a search found.
+
+    Attributes:
+        lobes: N lobes.
+        cluster: cluster of the sample that each was found on, `[N]` on the CPU.
+        error: share of its sample's energy that the sample's lobes leave, `[N]` on the CPU.
+        starts: how many starts there were, how many of them met NaN or infinity, and from how
+            many no step went down, `[3]` on the CPU.
+    """
+
+    lobes: LobeBatch
+    cluster: Tensor
+    error: Tensor
+    starts: Tensor
+
+    def on_cpu(self) -> FoundLobes:
+        """The same with the lobes on the CPU."""
+        return replace(self, lobes=self.lobes.to("cpu"))
+
+    def to_tensors(self) -> dict[str, Tensor]:
+        """For a checkpoint."""
+        own = {name: getattr(self, name) for name in ("cluster", "error", "starts")}
+        return {**own, **vars(self.lobes)}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> FoundLobes:
+        """From a checkpoint, on the CPU."""
+        parts = (tensors[name] for name in ("model", "kappa", "normal", "angle"))
+        return cls(LobeBatch(*parts), *(tensors[name] for name in ("cluster", "error", "starts")))
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """The lobes that texels may choose from.
+
+    Attributes:
+        lobes: J lobes.
+        atoms: their values on all pairs, each of unit norm, `[J, D]`.
+        norm: norms of the values before that, `[J]`.
+        choices: for each cluster, the indices of the lobes open to it, on the CPU.
+        raw: the values over the norm without the weights of the pairs, `[J, D]`; the atoms
+            themselves where nothing is weighted.
+    """
+
+    lobes: LobeBatch
+    atoms: Tensor
+    norm: Tensor
+    choices: list[Tensor]
+    raw: Tensor
+
+
+def build_dictionary(
+    found: FoundLobes, cluster_count: int, grid: DirectionGrid, config: DictionaryConfig
+) -> Dictionary:
+    """Merges lobes whose correlation is above `config.merge`; that of the better fit stays."""
+    lobes = found.lobes.to(grid.light.device)
+    values = grid.eval(lobes)
+    norm = values.norm(dim=1)
+    visible = torch.nonzero(norm > 0.0).squeeze(1)
+    rank = found.error[visible.cpu()].argsort(stable=True)
+    order = visible[rank.to(visible.device)]
+    atoms = values[order] / norm[order, None]
+    owner = found.cluster[order.cpu()]
+    if config.scope == "shared":
+        kept = distinct(atoms, config.merge)
+        choices = [torch.arange(len(kept))] * cluster_count
+    else:
+        groups = [torch.nonzero(owner == k).squeeze(1) for k in range(cluster_count)]
+        groups = [group[distinct(atoms[group.to(atoms.device)], config.merge)] for group in groups]
+        kept = torch.cat(groups)
+        choices = list(torch.arange(len(kept)).split([len(group) for group in groups]))
+    where = kept.to(atoms.device)
+    lobes, atoms, norm = lobes[order][where], atoms[where], norm[order][where]
+    raw = atoms if grid.scale is None else grid.unscaled.eval(lobes) / norm[:, None]
+    return Dictionary(lobes, atoms, norm, choices, raw)

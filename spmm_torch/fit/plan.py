@@ -1,0 +1,117 @@
+"""What a fit will take, told before it starts: time, memory and disk."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import torch
+
+from ..config.fit import FitConfig, WeightsConfig
+from ..data import BTF
+from ..data.blocks import BLOCK_COPIES, CUDA_BLOCK_VALUES, cpu_block_bytes
+from ..runtime.memory import Budget, resident_memory
+from ..runtime.progress import duration
+from .cluster import OVERSAMPLING
+from .search.bank import SHAPES
+from .search.joint import CPU_SLOPES
+from .search.lobes import bank_normals
+from .select.clusters import cluster_bytes
+
+FLOAT = 4
+# Copies of the samples, of the bank and of the batch of slopes that the search holds.
+SAMPLE_COPIES, BANK_COPIES, SLOPE_COPIES = 6, 2, 8
+# Copies of the dictionary where values count by weight: scaled, as it is, and of measured pairs.
+WEIGHTED_COPIES = 3
+# Share of the lobes found that the dictionary keeps, about.
+KEPT_LOBES = 0.5
+# Seconds of a core, measured on 2 cores of 2.5 GHz: a decoded pixel; a sample, direction pair and
+# lobe of the search; a texel of the selection besides its products.
+DECODE_SECONDS, SEARCH_SECONDS, SELECT_SECONDS = 3e-8, 9e-6, 2e-4
+# Side of the matrix whose product tells the speed of this machine, and repeats.
+PROBE, REPEATS = 768, 3
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An estimate, right within a factor of two or so.
+
+    Attributes:
+        seconds: from input to model.
+        working_bytes: memory besides the decoded values, this process included.
+        decoded_bytes: the decoded values; 0 if they are streamed.
+    """
+
+    seconds: float
+    working_bytes: int
+    decoded_bytes: int
+
+    def kept_bytes(self, budget: Budget, cached: bool = False) -> int:
+        """Decoded values that lie in memory; none if they are `cached` on disk whatever their size.
+
+        They are kept there if the budget has room for all of them.
+        """
+        return 0 if cached or self.decoded_bytes > budget.spare else self.decoded_bytes
+
+    def describe(self, budget: Budget, cached: bool = False) -> str:
+        """One line for people."""
+        kept = self.kept_bytes(budget, cached)
+        memory, disk = self.working_bytes + kept, self.decoded_bytes - kept
+        return (
+            f"estimate: {duration(self.seconds)}, {memory / 1e9:.1f} GB of memory (allowed: "
+            f"{budget.total / 1e9:.1f} GB), {disk / 1e9:.1f} GB of disk for decoded values"
+        )
+
+
+def estimate(btf: BTF, config: FitConfig, device: torch.device) -> Plan:
+    """What a fit with these settings will take."""
+    samples = min(config.cluster.count * config.sample.per_cluster, btf.texel_count)
+    found = samples * config.search.max_lobes
+    return Plan(
+        seconds=_seconds(btf, config, device, samples),
+        working_bytes=_working_bytes(btf, config, device, samples, found),
+        decoded_bytes=0 if btf.streamed else btf.raw_bytes * btf.pair_count // btf.measured_count,
+    )
+
+
+def _working_bytes(
+    btf: BTF, config: FitConfig, device: torch.device, samples: int, found: int
+) -> int:
+    resident = resident_memory()
+    if device.type == "cuda":
+        return resident + FLOAT * BLOCK_COPIES * CUDA_BLOCK_VALUES // 8
+    pairs = btf.pair_count
+    normals = 1 + bank_normals(config.search, samples)
+    bank = sum(len(SHAPES[name]) for name in config.search.models) * normals
+    block = cpu_block_bytes()
+    search = FLOAT * pairs * (SAMPLE_COPIES * samples * btf.channels + BANK_COPIES * bank)
+    search += FLOAT * SLOPE_COPIES * CPU_SLOPES
+    uniform = config.weights == WeightsConfig() and btf.missing is None
+    copies = 1 if uniform else WEIGHTED_COPIES
+    dictionary = FLOAT * pairs * (2 + copies) * found
+    select = FLOAT * pairs * copies * found + cluster_bytes(found)
+    return resident + max(block, search, dictionary, select)
+
+
+def _seconds(btf: BTF, config: FitConfig, device: torch.device, samples: int) -> float:
+    values = btf.texel_count * btf.pair_count * btf.channels
+    found = samples * config.search.max_lobes
+    speed = _speed(device)
+    rank = config.cluster.components + OVERSAMPLING
+    products = (6 * rank + 2 * KEPT_LOBES * found) * values / speed
+    cores = torch.get_num_threads() if device.type == "cpu" else 1
+    decode = 0.0 if btf.streamed else DECODE_SECONDS * values / btf.channels / cores
+    search = SEARCH_SECONDS * samples * btf.pair_count * config.search.max_lobes / cores
+    select = SELECT_SECONDS * btf.texel_count / cores
+    return decode + search + select + products
+
+
+def _speed(device: torch.device) -> float:
+    """Operations a second of a matrix product here."""
+    left = torch.ones(PROBE, PROBE, device=device)
+    best = float("inf")
+    for _ in range(REPEATS + 1):  # the first one warms up
+        start = time.perf_counter()
+        float((left @ left)[0, 0])
+        best = min(best, time.perf_counter() - start)
+    return 2.0 * PROBE**3 / best

@@ -1,0 +1,1 @@
+"""Which models and lobes pay for their bytes."""

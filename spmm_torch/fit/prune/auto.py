@@ -1,0 +1,224 @@
+"""No more model than pays: BRDFs, and how readily texels take lobes, by held-out directions.
+
+Some views and lights are held out while lobes are searched and chosen on some texels. Then the
+errors on the held-out pairs are set against the bytes: a share g of a texel's error is worth as
+much as a lobe, where g is `select.min_gain` as the settings have it. So the cost of a texel is
+ln(error) + g (its lobes + its part of the dictionary, in bytes of one lobe). `min_gain` is raised
+as long as that pays, then models are dropped, one after another.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ...brdf import MAX_PARAMETERS, MODEL_NAMES
+from ...config.fit import FitConfig
+from ...data import BTF
+from ...data.error_weights import Weights
+from ...errors import DataError
+from ...lobes.grid import DirectionGrid
+from ..dictionary import Dictionary, build_dictionary
+from ..search.lobes import search_lobes
+from ..select.products import cluster_products
+from ..select.texels import Products, squared_errors
+from .ablation import selected, with_atoms
+
+# Texels on which lobes are searched and judged.
+TEXELS = 64
+# Share of the views and of the lights that is held out, and directions that this takes.
+HELD_OUT, LEAST_DIRECTIONS = 0.1, 4
+# Smaller errors, as a share of the energy (40 dB), are as good as none: 8-bit codes have as much.
+VISIBLE = 1e-4
+# The last value of min_gain that is tried: with it, texels have one lobe that says it all, or none.
+MOST_GAIN = 0.9
+# Stored bytes: an entry's index, a float, and a lobe's model, parameters, normal and angle.
+INDEX_BYTES, FLOAT_BYTES, LOBE_BYTES = 2, 4, 1 + 4 * (MAX_PARAMETERS + 4)
+
+Advance = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What pays.
+
+    Attributes:
+        models: indices into `MODEL_NAMES`, `[M]`.
+        min_gain: for `select.min_gain`, `[]` float64.
+    """
+
+    models: Tensor
+    min_gain: Tensor
+
+    def to_tensors(self) -> dict[str, Tensor]:
+        """For a checkpoint."""
+        return {"models": self.models, "min_gain": self.min_gain}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> Choice:
+        """From a checkpoint."""
+        return cls(**tensors)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The models by name."""
+        return tuple(MODEL_NAMES[index] for index in self.models.tolist())
+
+    def report(self) -> dict[str, Any]:
+        """For `report.json`."""
+        return {"models": list(self.names), "min_gain": float(self.min_gain)}
+
+    def describe(self, given: FitConfig) -> str:
+        """One line for people."""
+        dropped = [name for name in given.search.models if name not in self.names]
+        return (
+            f"auto: select.min_gain {given.select.min_gain:g} -> {float(self.min_gain):g}, "
+            f"models dropped: {', '.join(dropped) or 'none'}"
+        )
+
+    def applied(self, config: FitConfig) -> FitConfig:
+        """The settings with no more than what pays."""
+        return replace(
+            config,
+            search=replace(config.search, models=self.names),
+            select=replace(config.select, min_gain=float(self.min_gain)),
+        )
+
+
+def choose(
+    btf: BTF,
+    texels: Tensor,
+    config: FitConfig,
+    weights: Weights,
+    device: torch.device,
+    generator: torch.Generator,
+    advance: Advance,
+) -> Choice:
+    """Which models, and which `min_gain`, pay for their bytes on held-out directions.
+
+    Args:
+        btf: the values.
+        texels: a stratified sample, `[S]`; some of them are taken.
+        config: of the fit.
+        weights: of the fit.
+        device: on which to work.
+        generator: draws texels and held-out directions.
+        advance: told steps of the search of `auto_texels(S)` samples.
+
+    Raises:
+        DataError: there are too few directions to hold some out.
+    """
+    own = texels[torch.randperm(len(texels), generator=generator)[: auto_texels(len(texels))]]
+    held = held_out(btf, generator)  # [V, L]
+    seen = weights.times(Weights.build(btf, (~held).float()))
+    unseen = weights.times(Weights.build(btf, held.float()))
+    grid = DirectionGrid.build(btf.light, btf.view, device, seen.scale(device))
+    owner = torch.zeros(len(own), dtype=torch.long)
+    found = search_lobes(btf, own, owner, grid, config, generator, advance, seen)
+    dictionary = build_dictionary(found, 1, grid, config.dictionary)
+    atoms = dictionary.raw * unseen.scale(device)
+    return _Trial(
+        config,
+        dictionary,
+        _products(btf, own, dictionary.atoms, seen),
+        _products(btf, own, atoms, unseen),
+        btf.texel_count,
+    ).best()
+
+
+def auto_texels(samples: int) -> int:
+    """How many of so many samples are looked at."""
+    return min(samples, TEXELS)
+
+
+def held_out(btf: BTF, generator: torch.Generator) -> Tensor:
+    """Pairs `[V, L]` of which the view or the light is held out.
+
+    Raises:
+        DataError: there are too few directions.
+    """
+    parts = []
+    for count in (len(btf.view), len(btf.light)):
+        chosen = torch.zeros(count, dtype=torch.bool)
+        if count >= LEAST_DIRECTIONS:
+            number = max(1, round(HELD_OUT * count))
+            chosen[torch.randperm(count, generator=generator)[:number]] = True
+        parts.append(chosen)
+    view, light = parts
+    if not bool(view.any() or light.any()):
+        raise DataError(
+            f"{btf.name} has {len(view)} views and {len(light)} lights; auto expected at least "
+            f"{LEAST_DIRECTIONS} of either to hold some out; fit without it."
+        )
+    return view[:, None] | light
+
+
+def _products(btf: BTF, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
+    return cluster_products(
+        lambda part: weights.signals(btf, texels[part], atoms.device),
+        [slice(0, len(texels))],
+        (len(texels), btf.channels),
+        atoms,
+    )
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """The texels, with lobes found on the pairs that were seen.
+
+    Attributes:
+        config: of the fit.
+        dictionary: of the lobes found.
+        seen, unseen: products of the texels by pairs, of the same atoms.
+        texel_count: T of the whole BTF.
+    """
+
+    config: FitConfig
+    dictionary: Dictionary
+    seen: Products
+    unseen: Products
+    texel_count: int
+
+    @cached_property
+    def _model(self) -> Tensor:
+        return self.dictionary.lobes.model
+
+    def best(self) -> Choice:
+        """Raises min_gain, then drops models, as long as the cost does not rise."""
+        models, best = torch.unique(self._model), self.config.select.min_gain
+        least, gain = self.cost(models, best), best
+        while 0.0 < gain < MOST_GAIN:
+            gain = min(2.0 * gain, MOST_GAIN)
+            cost = self.cost(models, gain)
+            if cost <= least:
+                least, best = cost, gain
+        while len(models) > 1:
+            rest = [models[models != index] for index in models.tolist()]
+            costs = [self.cost(kept, best) for kept in rest]
+            lowest = min(range(len(rest)), key=costs.__getitem__)
+            if costs[lowest] > least:
+                break
+            models, least = rest[lowest], costs[lowest]
+        return Choice(models, torch.tensor(best, dtype=torch.float64))
+
+    def cost(self, models: Tensor, min_gain: float) -> float:
+        """Mean over the texels of ln(error) + bytes, both as the module says."""
+        kept = torch.isin(self._model, models)
+        select = replace(self.config.select, min_gain=min_gain)
+        fit = selected(with_atoms(self.seen, kept), replace(self.config, select=select))
+        unseen = with_atoms(self.unseen, kept)
+        energy = unseen.energy.sum(1)  # [n]
+        share = squared_errors(unseen, fit) / energy.clamp(min=torch.finfo(energy.dtype).tiny)
+        error = float(share.clamp(min=VISIBLE).log().mean())
+        entry = INDEX_BYTES + FLOAT_BYTES * unseen.energy.shape[1]
+        used = fit.index[fit.index >= 0]
+        lobes = len(used) / len(energy)
+        own_dictionary = len(torch.unique(used)) * LOBE_BYTES / entry / self.texel_count
+        price = self.config.select.min_gain
+        return error + price * (lobes + own_dictionary) if math.isfinite(error) else math.inf

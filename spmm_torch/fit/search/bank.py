@@ -1,0 +1,88 @@
+"""A fixed bank of candidate lobes, from which every search starts."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...brdf import MAX_PARAMETERS, MODEL_NAMES
+from ...geometry.directions import hemisphere_spiral
+from ...lobes.batch import Feasible, LobeBatch, decode, encode
+from ...lobes.grid import DirectionGrid
+
+EXPONENTS = (4.0, 16.0, 64.0, 256.0)
+SLOPES = (0.1, 0.2, 0.4, 0.7)
+# Shapes of each model, about a factor of two in width apart: the search bridges that gap.
+Shapes = Mapping[str, Sequence[tuple[float, ...]]]
+SHAPES: dict[str, tuple[tuple[float, ...], ...]] = {
+    "lambertian": ((),),
+    "oren_nayar": ((0.9,),),
+    "blinn_phong": tuple((n,) for n in EXPONENTS),
+    "ward": tuple((a, a) for a in SLOPES),
+    "cook_torrance": tuple(itertools.product(SLOPES, (0.04, 1.0))),
+    "lafortune": tuple(itertools.product((-1.4, -1.0, -0.5, 1.0), (3.0, 12.0, 50.0))),
+    "ashikhmin_shirley": tuple((n, n, 0.04) for n in EXPONENTS),
+    "ward_duer": tuple((a, a) for a in SLOPES),
+}
+# Shapes about as narrow as a measured direction stands for: worth trying only right at a peak.
+NARROW = (0.03, 0.06)
+PEAK_SHAPES: dict[str, tuple[tuple[float, ...], ...]] = {
+    "blinn_phong": ((256.0,), (1000.0,)),
+    "ward": tuple((a, a) for a in NARROW),
+    "cook_torrance": tuple((a, 0.3) for a in NARROW),
+    "ashikhmin_shirley": ((256.0, 256.0, 0.2), (1000.0, 1000.0, 0.2)),
+}
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Candidate lobes and their unit-norm values.
+
+    Attributes:
+        lobes: A lobes.
+        coordinates: their search coordinates, `[A, P]`.
+        atoms: values on all pairs, each of unit norm, `[A, D]`.
+    """
+
+    lobes: LobeBatch
+    coordinates: Tensor
+    atoms: Tensor
+
+    def joined(self, other: Bank) -> Bank:
+        """The lobes of both."""
+        return Bank(
+            LobeBatch.cat([self.lobes, other.lobes]),
+            torch.cat((self.coordinates, other.coordinates)),
+            torch.cat((self.atoms, other.atoms)),
+        )
+
+
+def build_bank(
+    grid: DirectionGrid, models: Sequence[str], normal_count: int, feasible: Feasible
+) -> Bank:
+    """All shapes of the models at normals spread over the hemisphere, moved inside the bounds."""
+    upright = torch.tensor([[0.0, 0.0, 1.0]])
+    normals = torch.cat((upright, hemisphere_spiral(normal_count))).to(grid.light.device)
+    return bank_at(grid, {name: SHAPES[name] for name in models}, normals, feasible)
+
+
+def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feasible) -> Bank:
+    """All `shapes` of each model at each of `normals [N, 3]`, moved inside the bounds."""
+    batches = []
+    for name, rows in shapes.items():
+        for shape in rows:
+            kappa = normals.new_zeros(len(normals), MAX_PARAMETERS)
+            kappa[:, : len(shape)] = normals.new_tensor(shape)
+            model = torch.full((len(normals),), MODEL_NAMES.index(name))
+            batches.append(LobeBatch(model, kappa, normals, normals.new_zeros(len(normals))))
+    lobes = LobeBatch.cat(batches)
+    coordinates = feasible.project(lobes.model, encode(lobes))
+    lobes = decode(lobes.model, coordinates)
+    values = grid.eval(lobes)
+    norm = values.norm(dim=1)
+    visible = norm > 0.0  # a lobe may be under the horizon of every measured pair
+    return Bank(lobes[visible], coordinates[visible], values[visible] / norm[visible, None])

@@ -1,0 +1,83 @@
+"""Stage search: lobes that fit the samples, by the method that the settings name."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ...config.fit import FitConfig, SearchConfig
+from ...data import BTF
+from ...data.error_weights import UNIFORM, Weights
+from ...lobes.batch import Feasible, decode
+from ...lobes.grid import DirectionGrid
+from ..dictionary import FoundLobes
+from .bank import build_bank
+from .joint import FEW_ROWS, Advance, CorrectiveSearch
+from .mixtures import Mixtures
+from .music import spanned_lobes
+from .stagewise import StagewiseSearch
+
+# Normals of the bank where the settings leave them open: few samples can afford a finer one.
+FINE_NORMALS, COARSE_NORMALS = 120, 64
+# Share of the least width down to which lobes may go where samples are exact sums of few lobes.
+# Anywhere else a lobe narrower than the gaps between measured half vectors, a quarter of the angle
+# between directions, is seen by its tails alone, and its peak between the samples is made up.
+EXACT_WIDTH = 0.5
+
+
+def search_steps(config: FitConfig, samples: int) -> int:
+    """How many units the search of so many samples advances by."""
+    if config.search.method == "stagewise":
+        return samples
+    return samples * (config.search.max_lobes + config.search.exchanges)
+
+
+def bank_normals(config: SearchConfig, samples: int) -> int:
+    """How many normals the bank has for so many samples."""
+    if config.bank_normals is not None:
+        return config.bank_normals
+    return FINE_NORMALS if samples <= FEW_ROWS else COARSE_NORMALS
+
+
+def search_lobes(
+    btf: BTF,
+    texels: Tensor,
+    clusters: Tensor,
+    grid: DirectionGrid,
+    config: FitConfig,
+    generator: torch.Generator,
+    advance: Advance,
+    weights: Weights = UNIFORM,
+) -> FoundLobes:
+    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2].
+
+    Args:
+        grid: scaled as the weights of the pairs say.
+        weights: by which values are scaled, too.
+    """
+    search = config.search
+    feasible = Feasible.build(search.min_width * grid.spacing)
+    bank = build_bank(grid, search.models, bank_normals(search, len(texels)), feasible)
+    fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
+    signals = weights.signals(btf, texels, grid.light.device)  # [S, C, D]
+    if search.method == "stagewise":
+        finder = StagewiseSearch.build(
+            grid, bank, feasible, search, config.stagewise, signals, generator
+        )
+    else:
+        known = spanned_lobes(signals.flatten(0, 1), grid, bank, fine)
+        bounds = fine if len(known) else feasible
+        finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
+    mixtures = finder.run(advance)
+    return _found(mixtures, clusters, signals, finder.tally.to_tensor())
+
+
+def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, starts: Tensor) -> FoundLobes:
+    """All lobes that carry weight, and how well the sample of each is fit."""
+    used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
+    host = used.cpu()
+    lobes = decode(mixtures.model[host], mixtures.coordinates[used])
+    energy = (signals * signals).sum((1, 2), dtype=torch.float64)
+    error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
+    wide = [column.cpu()[:, None].expand(host.shape)[host] for column in (clusters, error)]
+    return FoundLobes(lobes, *wide, starts)

@@ -1,0 +1,97 @@
+"""Weights by what the pictures of one scene show.
+
+A pixel is a sum of values y_td times coefficients: how much light reaches the eye by way of texel t
+and pair d. With the coefficients c_d of an eye ray, which meets one place of the texture, the error
+that errors e_d make of it is, squared, at most (sum_d c_d) sum_d c_d e_d^2 [Cauchy-Schwarz], and
+about so much where errors of neighbouring pairs are alike. So a pair counts by its coefficient
+times the whole light, a radiance squared, summed over all eye rays, and a texel by what its pairs
+sum up to.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ...data import BTF
+from ...data.error_weights import Weights
+from ...errors import ConfigError
+from ...geometry.directions import texel_at
+from ...render.btf_material import BTFMaterial
+from ...render.direct import Hits, delta_light_directions, weighted
+from ...render.environment import EnvironmentLight
+from ...render.points import LightNumbers
+from ...render.renderer import Light, RenderSettings, Scene, hit_blocks, trace
+from ...runtime.memory import slices
+
+# Eye rays that are traced at once, and pixels each way beyond which weights hardly change.
+BLOCK_RAYS = 1 << 18
+MAX_SIZE = 256
+
+
+@torch.no_grad()
+def scene_weights(btf: BTF, scene: Scene, settings: RenderSettings, where: str) -> Weights:
+    """Weights of the texels and pairs of a BTF, of which only the header is looked at.
+
+    Args:
+        btf: that is on the shape.
+        scene: shape, camera and lights.
+        settings: size and samples of the pictures, and the seed.
+        where: how messages call the scene.
+
+    Raises:
+        ConfigError: the camera sees nothing of the shape, or no light reaches what it sees.
+    """
+    size = min(settings.size, MAX_SIZE)
+    settings = RenderSettings(size, settings.samples, settings.light_samples, settings.seed)
+    material = BTFMaterial.build(btf)
+    pair = torch.zeros(btf.pair_count, dtype=torch.float64)
+    texel = torch.zeros(btf.texel_count, dtype=torch.float64)
+    generator = torch.Generator().manual_seed(settings.seed)
+    numbers = LightNumbers.draw(size * size, settings.samples, settings.light_samples, generator)
+    seen = 0
+    for pixels in slices(size * size, max(1, BLOCK_RAYS // settings.samples)):
+        hits = trace(scene, settings, pixels, generator, torch.zeros(0))
+        seen += len(hits)
+        for block in hit_blocks(hits, scene, settings):
+            index, coefficient = _coefficients(material, block, scene.lights, numbers)
+            light = coefficient.sum(1, keepdim=True)  # [N, 1]
+            pair.index_add_(0, index.flatten(), (coefficient * light).double().flatten())
+            place, share = texel_at(block.uv, btf.height, btf.width)  # [N, 4]
+            texel.index_add_(0, place.flatten(), (share * light * light).double().flatten())
+    if not seen or not bool(pair.any()):
+        what = (
+            "its camera sees nothing of the shape" if not seen else "no light reaches what it sees"
+        )
+        raise ConfigError(
+            f"scene {where} shows nothing: {what}; expected a picture that is not black; turn the "
+            f"camera or the lights."
+        )
+    shape = (len(btf.view), len(btf.light))
+    return Weights.build(
+        btf, pair.view(shape), texel.view(btf.height, btf.width), where=f"scene {where}"
+    )
+
+
+def _coefficients(
+    material: BTFMaterial, hits: Hits, lights: tuple[Light, ...], numbers: LightNumbers
+) -> tuple[Tensor, Tensor]:
+    """Pairs and how much light comes by way of them, both `[N, K]`, of N hits."""
+    wi, light = _lights(hits, lights, numbers)  # [N, n, 3], [N, n]
+    wo = hits.wo[:, None].expand_as(wi)
+    index, weight = material.pairs_at(wi, wo, wi.shape[:2])  # [N n, 9]
+    weight = weight * light.reshape(-1, 1)
+    return index.view(len(hits), -1), weight.view(len(hits), -1)
+
+
+def _lights(hits: Hits, lights: tuple[Light, ...], numbers: LightNumbers) -> tuple[Tensor, Tensor]:
+    """Local directions of light `[N, n, 3]` and what each brings, mean of RGB, `[N, n]`."""
+    deltas = [light for light in lights if not isinstance(light, EnvironmentLight)]
+    parts = [delta_light_directions(hits, deltas)] if deltas else []
+    for light in lights:
+        if isinstance(light, EnvironmentLight):
+            direction, radiance, density = light.sample(numbers.of(hits.pixel, hits.sample)[0])
+            each = weighted(radiance, density * direction.shape[1])
+            parts.append((hits.local(direction), each))
+    wi = torch.cat([part[0] for part in parts], dim=1)
+    return wi, torch.cat([part[1] for part in parts], dim=1).mean(-1)

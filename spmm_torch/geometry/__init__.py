@@ -1,0 +1,1 @@
+"""Directions, frames, warps and interpolation over the hemisphere."""

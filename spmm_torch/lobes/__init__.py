@@ -1,0 +1,1 @@
+"""Rotated, cosine-weighted BRDF lobes in batches: values, gradients, samples."""

@@ -1,0 +1,232 @@
+"""Rotated, cosine-weighted BRDF lobes: the parametric functions rho_j of the mixture [WDR11 Eq. 3].
+
+This is the only place that rotates directions into a local frame, and the only one that applies
+the factor n_j . wi. Models are grouped by the host, so evaluating J lobes costs one pass a model,
+never one a lobe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
+from ..brdf.base import above_horizon
+from ..errors import DataError
+from ..geometry.directions import (
+    disk_from_normal,
+    frame_from_normal,
+    normal_from_disk,
+    project_disk,
+)
+
+# Values a block of lobes may hold: intermediate results then stay in the cache of a CPU core,
+# and a GPU has enough to do.
+CPU_BLOCK = 1 << 18
+CUDA_BLOCK = 1 << 27
+# Columns of a search coordinate: disk x, disk y, angle, then the parameters on [0, 1].
+COORDINATES = 3 + MAX_PARAMETERS
+
+
+@dataclass(frozen=True)
+class LobeBatch:
+    """J lobes of any models.
+
+    Attributes:
+        model: index into `MODEL_NAMES`, `[J]`, always on the CPU: it steers, it is not computed.
+        kappa: parameters of the models in their own units, `[J, MAX_PARAMETERS]`, zero-padded.
+        normal: unit normals n_j in texel coordinates, `[J, 3]`.
+        angle: turn of the tangent about the normal in radians, `[J]`; 0 for isotropic models.
+    """
+
+    model: Tensor
+    kappa: Tensor
+    normal: Tensor
+    angle: Tensor
+
+    def __len__(self) -> int:
+        return self.model.shape[0]
+
+    def __getitem__(self, index: Tensor | slice) -> LobeBatch:
+        """The lobes at `index` (long or bool tensor, or slice)."""
+        host = index.cpu() if isinstance(index, Tensor) else index
+        return LobeBatch(self.model[host], self.kappa[index], self.normal[index], self.angle[index])
+
+    def to(self, device: torch.device | str) -> LobeBatch:
+        """The same lobes on another device."""
+        return LobeBatch(
+            self.model, self.kappa.to(device), self.normal.to(device), self.angle.to(device)
+        )
+
+    def detach(self) -> LobeBatch:
+        """The same lobes cut from any autograd graph."""
+        return LobeBatch(self.model, self.kappa.detach(), self.normal.detach(), self.angle.detach())
+
+    @staticmethod
+    def cat(batches: Sequence[LobeBatch]) -> LobeBatch:
+        """All lobes of several batches in their order."""
+        return LobeBatch(
+            torch.cat([batch.model for batch in batches]),
+            torch.cat([batch.kappa for batch in batches]),
+            torch.cat([batch.normal for batch in batches]),
+            torch.cat([batch.angle for batch in batches]),
+        )
+
+    def names(self) -> list[str]:
+        """The model's name of each lobe."""
+        return [MODEL_NAMES[index] for index in self.model.tolist()]
+
+    def eval(self, wi: Tensor, wo: Tensor) -> Tensor:
+        """rho_j(wi, wo) of every lobe [WDR11 Eq. 3].
+
+        Args:
+            wi: light directions `[1 or J, ..., 3]`.
+            wo: view directions `[1 or J, ..., 3]`; middle dimensions broadcast with those of wi,
+                so `[1, 1, L, 3]` and `[1, V, 1, 3]` evaluate a whole grid of pairs.
+
+        Returns:
+            `[J, ...]`, in 1/sr, with the factor n_j . wi; 0 where wi or wo is under the lobe's
+            horizon or the texel's.
+
+        Raises:
+            DataError: lobes or directions in float16 or bfloat16.
+        """
+        blocks = list(self._blocks(wi, wo))
+        if not blocks:
+            return wi.new_zeros(0, *torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1]))
+        order = torch.cat([index for index, _ in blocks])
+        value = torch.cat([part for _, part in blocks])
+        if bool((order[1:] > order[:-1]).all()):
+            return value
+        return value.index_select(0, torch.argsort(order).to(value.device))
+
+    def eval_grid(self, light: Tensor, view: Tensor) -> Tensor:
+        """rho_j on all pairs of lights `[L, 3]` and views `[V, 3]`: `[J, D]`."""
+        return self.eval(light[None, None], view[None, :, None]).flatten(1)
+
+    def _blocks(self, wi: Tensor, wo: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
+        """(lobe indices on the CPU, values) of blocks of equal model that fit the cache."""
+        shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
+        budget = CUDA_BLOCK if wi.is_cuda else CPU_BLOCK
+        size = max(1, budget // max(1, shape.numel()))
+        for model in torch.unique(self.model).tolist():
+            for index in torch.nonzero(self.model == model).squeeze(-1).split(size):
+                where = index.to(wi.device)
+                part_wi = wi if wi.shape[0] == 1 else wi.index_select(0, where)
+                part_wo = wo if wo.shape[0] == 1 else wo.index_select(0, where)
+                kappa = self.kappa.index_select(0, where)
+                normal = self.normal.index_select(0, where)
+                angle = self.angle.index_select(0, where)
+                yield index, eval_model(model, kappa, normal, angle, part_wi, part_wo)
+
+
+def _check_precision(*tensors: Tensor) -> None:
+    """Raises DataError where any of the tensors has less than the 24 bits of float32."""
+    for tensor in tensors:
+        if tensor.dtype in (torch.float16, torch.bfloat16):
+            raise DataError(
+                f"lobes were asked for in {tensor.dtype}, too coarse for directions: narrow lobes "
+                f"would be missed; expected float32 or float64; convert with .float()."
+            )
+
+
+def eval_model(
+    model: int, kappa: Tensor, normal: Tensor, angle: Tensor, wi: Tensor, wo: Tensor
+) -> Tensor:
+    """rho of lobes of one model; kappa `[J, MAX_PARAMETERS]`, others as in `LobeBatch.eval`.
+
+    Fastest where each component of wi and wo is contiguous.
+    """
+    _check_precision(kappa, wi, wo)
+    rotation = frame_from_normal(normal, angle)  # [J, 3, 3]
+    local_wi, local_wo = rotate(rotation, wi), rotate(rotation, wo)
+    middle = max(wi.ndim, wo.ndim) - 2
+    parameters = kappa.view(kappa.shape[0], *(1,) * middle, kappa.shape[1])
+    value = REGISTRY[model].eval(parameters, local_wi, local_wo)
+    cosine = local_wi[..., 2].clamp(min=0.0) * above_horizon(wi, wo)
+    return value * cosine  # Eq. (3)
+
+
+def rotate(rotation: Tensor, w: Tensor) -> Tensor:
+    """Local directions `[J, ..., 3]` of `w [1 or J, ..., 3]`, each component contiguous.
+
+    Written out: products of 3 x 3 matrices are too small to be left to a matrix library.
+    """
+    x, y, z = w.movedim(-1, 0).contiguous()  # [1 or J, ...] each
+    r = rotation.view(-1, *(1,) * x[0].ndim, 3, 3)  # [J, ..., 3, 3]
+    rows = [r[..., i, 0] * x + r[..., i, 1] * y + r[..., i, 2] * z for i in range(3)]
+    return torch.stack(rows).movedim(0, -1)
+
+
+def anisotropic_mask(model: Tensor) -> Tensor:
+    """True for each lobe of `model [J]` whose BRDF has a tangent."""
+    table = torch.tensor([brdf.anisotropic for brdf in REGISTRY])
+    return table[model]
+
+
+def decode(model: Tensor, coordinates: Tensor) -> LobeBatch:
+    """Lobes of search coordinates `[J, COORDINATES]`: disk x and y, angle, parameters on [0, 1].
+
+    Smooth, so that the search can differentiate through it.
+    """
+    kappa = torch.zeros_like(coordinates[:, 3:])
+    for index in torch.unique(model).tolist():
+        rows = torch.nonzero(model == index).squeeze(-1).to(coordinates.device)
+        table = REGISTRY[index].parameters
+        if table:
+            unit = coordinates.index_select(0, rows)[:, 3 : 3 + len(table)].unbind(-1)
+            values = [row.from_unit(column) for row, column in zip(table, unit, strict=True)]
+            padding = [torch.zeros_like(values[0])] * (MAX_PARAMETERS - len(table))
+            kappa = kappa.index_copy(0, rows, torch.stack(values + padding, dim=-1))
+    turn = anisotropic_mask(model).to(coordinates.device, coordinates.dtype)
+    return LobeBatch(model, kappa, normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn)
+
+
+def encode(lobes: LobeBatch) -> Tensor:
+    """The search coordinates `[J, COORDINATES]` of lobes; the inverse of `decode`."""
+    unit = torch.zeros_like(lobes.kappa)
+    for index in torch.unique(lobes.model).tolist():
+        rows = torch.nonzero(lobes.model == index).squeeze(-1).to(unit.device)
+        for column, row in enumerate(REGISTRY[index].parameters):
+            unit[rows, column] = row.to_unit(lobes.kappa[rows, column])
+    return torch.cat((disk_from_normal(lobes.normal), lobes.angle[:, None], unit), dim=1)
+
+
+@dataclass(frozen=True)
+class Feasible:
+    """The box and disk in which lobes may move: physical bounds, and no lobe narrower than asked.
+
+    Attributes:
+        low, high: bounds of the parameters on [0, 1], `[len(MODEL_NAMES), MAX_PARAMETERS]`.
+    """
+
+    low: Tensor
+    high: Tensor
+
+    @classmethod
+    def build(cls, min_width: float) -> Feasible:
+        """Bounds for lobes of at least `min_width` (radians, slope of the half vector).
+
+        A lobe narrower than the angular sampling can match one sample and be wrong between.
+        """
+        low = torch.zeros(len(MODEL_NAMES), MAX_PARAMETERS)
+        high = torch.zeros(len(MODEL_NAMES), MAX_PARAMETERS)
+        for index, brdf in enumerate(REGISTRY):
+            for column, row in enumerate(brdf.parameters):
+                high[index, column] = 1.0
+                if row.from_width is not None and min_width > 0.0:
+                    limit = min(max(row.from_width(min_width), row.low), row.high)
+                    unit = float(row.to_unit(torch.tensor(limit)))
+                    narrow_end = row.from_width(2.0 * min_width) > row.from_width(min_width)
+                    (low if narrow_end else high)[index, column] = unit
+        return cls(low, high)
+
+    def project(self, model: Tensor, coordinates: Tensor) -> Tensor:
+        """The nearest feasible coordinates `[J, COORDINATES]` of lobes of `model [J]`."""
+        low = self.low[model].to(coordinates)
+        high = self.high[model].to(coordinates)
+        unit = torch.minimum(torch.maximum(coordinates[:, 3:], low), high)
+        return torch.cat((project_disk(coordinates[:, :2]), coordinates[:, 2:3], unit), dim=1)

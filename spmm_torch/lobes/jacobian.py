@@ -1,0 +1,134 @@
+"""Lobes and their slopes along the search coordinates, by one backward pass for all pairs.
+
+rho of a pair depends on the lobe only through its parameters and through wi and wo in the lobe's
+frame. With these as leaves, one for each pair, a single backward pass gives their slopes at every
+pair; the slopes along the frame's coordinates follow, since a small turn of a frame by omega moves
+a local direction w by omega x w.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..brdf import MAX_PARAMETERS, REGISTRY
+from ..brdf.base import above_horizon
+from ..geometry.directions import frame_from_normal, normal_from_disk
+from .batch import COORDINATES, CUDA_BLOCK, anisotropic_mask, rotate
+
+# Values of one tensor of a block: small enough for the caches, large enough that the fixed cost of
+# a backward pass does not matter.
+CPU_SLOPES = 1 << 17
+# Leaves and intermediate results of a backward pass that live at a time, about.
+LIVE_TENSORS = 64
+
+
+def eval_with_jacobian(
+    model: Tensor, coordinates: Tensor, wi: Tensor, wo: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Lobes and their slopes.
+
+    Args:
+        model: `[J]` on the CPU.
+        coordinates: search coordinates `[J, COORDINATES]`.
+        wi, wo: `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
+
+    Returns:
+        rho `[J, ...]` and d rho / d coordinates `[J, COORDINATES, ...]`; columns that a model
+        does not have are zero.
+    """
+    shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
+    rho = coordinates.new_zeros(len(model), *shape)
+    slope = coordinates.new_zeros(len(model), COORDINATES, *shape)
+    budget = CUDA_BLOCK // LIVE_TENSORS if wi.is_cuda else CPU_SLOPES
+    size = max(1, budget // max(1, shape.numel()))
+    for index in torch.unique(model).tolist():
+        for block in torch.nonzero(model == index).squeeze(-1).split(size):
+            rows = block.to(wi.device)
+            rho[rows], slope[rows] = _block(index, coordinates[rows].detach(), wi, wo)
+    return rho, slope
+
+
+def _block(model: int, coordinates: Tensor, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+    """`eval_with_jacobian` of lobes of one model."""
+    shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
+    frame = _frames(model, coordinates)
+    local = [
+        part.expand(len(coordinates), *shape).contiguous().requires_grad_()
+        for w in (wi, wo)
+        for part in rotate(frame, w).unbind(-1)
+    ]  # components of wi, then of wo, [J, ...] each
+    kappa, kappa_slope = _parameters(model, coordinates, len(shape))
+    kappa = [part.expand_as(local[0]).contiguous().requires_grad_() for part in kappa]
+    with torch.enable_grad():
+        rho = _eval(model, kappa, local) * above_horizon(wi, wo)  # Eq. (3)
+        slopes = torch.autograd.grad(
+            rho.sum(), local + kappa, allow_unused=True, materialize_grads=True
+        )
+    jacobian = rho.new_zeros(len(coordinates), COORDINATES, *shape)
+    torque = _cross(local[:3], slopes[:3]) + _cross(local[3:], slopes[3:6])  # [3, J, ...]
+    for column, turn in enumerate(_turns(model, coordinates, frame)):  # [J, 3] each
+        axis = turn.detach().view(len(turn), *[1] * len(shape), 3)
+        jacobian[:, column] = sum(axis[..., k] * torque[k] for k in range(3))
+    for column, part in enumerate(kappa_slope):
+        jacobian[:, 3 + column] = part * slopes[6 + column]
+    return rho.detach(), jacobian
+
+
+def _eval(model: int, kappa: list[Tensor], local: list[Tensor]) -> Tensor:
+    """f (n_j . wi) of parameters and components of local directions, `[J, ...]` each."""
+    padding = [torch.zeros_like(local[0])] * (MAX_PARAMETERS - len(kappa))
+    parameters = torch.stack(kappa + padding).movedim(0, -1)
+    wi, wo = (torch.stack(local[first : first + 3]).movedim(0, -1) for first in (0, 3))
+    return REGISTRY[model].eval(parameters, wi, wo) * wi[..., 2].clamp(min=0.0)
+
+
+def _frames(model: int, coordinates: Tensor) -> Tensor:
+    """Rotations `[J, 3, 3]` of search coordinates."""
+    angle = coordinates[:, 2] * anisotropic_mask(torch.tensor(model)).to(coordinates)
+    return frame_from_normal(normal_from_disk(coordinates[:, :2]), angle)
+
+
+def _parameters(
+    model: int, coordinates: Tensor, dimensions: int
+) -> tuple[list[Tensor], list[Tensor]]:
+    """Parameters and their slopes along [0, 1], `[J, 1, ...]` each."""
+    table = REGISTRY[model].parameters
+    if not table:
+        return [], []
+    unit = coordinates[:, 3 : 3 + len(table)].detach().requires_grad_()
+    with torch.enable_grad():
+        pairs = zip(table, unit.unbind(-1), strict=True)
+        value = torch.stack([row.from_unit(column) for row, column in pairs])
+        slope = torch.autograd.grad(value.sum(), unit)[0].T
+    shape = (len(table), len(coordinates), *[1] * dimensions)
+    return list(value.detach().reshape(shape)), list(slope.reshape(shape))
+
+
+def _turns(model: int, coordinates: Tensor, frame: Tensor) -> list[Tensor]:
+    """How frames turn, as omega `[J, 3]` in local axes, along disk x, disk y and the angle.
+
+    The shortest rotation from z to n turns about n by (n_x dn_y - n_y dn_x) / (1 + n_z) as n moves.
+    """
+    x, y = coordinates[:, 0], coordinates[:, 1]
+    normal = frame[:, 2]
+    stretch = torch.sqrt(2.0 - x * x - y * y)
+    mixed = -x * y / stretch
+    turns = []
+    for step in (
+        torch.stack((stretch - x * x / stretch, mixed, -2.0 * x), dim=1),  # d normal / d disk x
+        torch.stack((mixed, stretch - y * y / stretch, -2.0 * y), dim=1),
+    ):
+        local = (frame @ step[..., None])[..., 0]
+        spin = (normal[:, 0] * step[:, 1] - normal[:, 1] * step[:, 0]) / (1.0 + normal[:, 2])
+        turns.append(torch.stack((local[:, 1], -local[:, 0], spin), dim=1))
+    about_normal = torch.zeros_like(normal)
+    about_normal[:, 2] = -1.0
+    return turns + [about_normal] * REGISTRY[model].anisotropic
+
+
+def _cross(a: list[Tensor], b: tuple[Tensor, ...]) -> Tensor:
+    """a x b by components: `[3, J, ...]`."""
+    return torch.stack(
+        (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+    ).detach()

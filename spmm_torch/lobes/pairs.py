@@ -1,0 +1,114 @@
+"""Many lobes, each at directions of its own: rho of N (lobe, query) pairs.
+
+Pairs are put in order of their lobes, and each lobe's pairs into rows of one length, so that what
+depends on the lobe alone is computed once a row, and what depends on both runs over long arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .batch import CPU_BLOCK, CUDA_BLOCK, LobeBatch, eval_model
+from .ragged import stable_order
+
+# Bounds of the length of a row: short ones repeat the work of the lobe, long ones are padded more.
+SHORTEST_ROW, LONGEST_ROW = 8, 128
+
+
+@dataclass(frozen=True)
+class PairRows:
+    """N (lobe, query) pairs in rows of one lobe each; its last pair is repeated to fill its row.
+
+    Attributes:
+        lobe: of each row, `[G]`, rows of one model after another.
+        query: of each place, `[G, S]`.
+        place: where each pair lies among the G * S places, `[N]`.
+    """
+
+    lobe: Tensor
+    query: Tensor
+    place: Tensor
+
+    @classmethod
+    def build(cls, model: Tensor, lobe: Tensor, query: Tensor) -> PairRows:
+        """Rows of pairs `lobe [N]`, `query [N]` of lobes of `model [J]`."""
+        by_model = torch.argsort(model, stable=True).to(lobe.device)  # [J]
+        rank = torch.empty_like(by_model)
+        rank[by_model] = torch.arange(len(rank), device=rank.device)
+        key = rank.index_select(0, lobe)  # [N]
+        order = stable_order(key, len(rank))
+        count = torch.bincount(key, minlength=len(rank))  # [J], in the order of the models
+        length = _row_length(len(lobe), int((count > 0).sum()))
+        rows = (count + length - 1).div(length, rounding_mode="floor")  # [J]
+        pair_start, row_start = count.cumsum(0) - count, rows.cumsum(0) - rows
+        owner = torch.repeat_interleave(rows)  # [G]
+        row = torch.arange(len(owner), device=owner.device) - row_start[owner]
+        first = pair_start[owner] + length * row
+        last = (pair_start + count - 1)[owner]
+        step = torch.arange(length, device=owner.device)
+        pair = torch.minimum(first[:, None] + step, last[:, None])  # [G, S]
+        shift = (row_start * length - pair_start).index_select(0, key)
+        number = torch.arange(len(order), device=order.device)
+        place = torch.empty_like(order).scatter_(0, order, number)
+        in_order = query.index_select(0, order).index_select(0, pair.flatten())
+        return cls(by_model[owner], in_order.view_as(pair), place + shift)
+
+    def spread(self, parts: list[Tensor]) -> Tensor:
+        """Values `[N]` of the pairs, of values `[g, S]` of the rows, block after block."""
+        return torch.cat(parts).flatten().index_select(0, self.place)
+
+    def blocks(self, model: Tensor) -> Iterator[tuple[int, slice]]:
+        """(model, rows) of blocks of one model that fit the cache; `model [J]` of the lobes."""
+        budget = CUDA_BLOCK if self.lobe.is_cuda else CPU_BLOCK
+        size = max(1, budget // self.query.shape[1])
+        models, counts = torch.unique_consecutive(
+            model.to(self.lobe.device)[self.lobe], return_counts=True
+        )
+        start = 0
+        for index, count in zip(models.tolist(), counts.tolist(), strict=True):
+            for first in range(start, start + count, size):
+                yield index, slice(first, min(first + size, start + count))
+            start += count
+
+
+def eval_pairs(lobes: LobeBatch, lobe: Tensor, query: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+    """rho of N pairs [WDR11 Eq. 3]; as `LobeBatch.eval`, but of chosen lobes for chosen queries.
+
+    Args:
+        lobes: J lobes.
+        lobe: of each pair, `[N]` long.
+        query: of each pair, `[N]` long.
+        wi, wo: directions of Q queries, `[Q, 3]`.
+
+    Returns:
+        `[N]`, in 1/sr.
+    """
+    if not len(lobe):
+        return wi.new_zeros(0)
+    rows = PairRows.build(lobes.model, lobe, query)
+    wi, wo = wi.T.contiguous(), wo.T.contiguous()  # [3, Q]
+    parts = []
+    for model, block in rows.blocks(lobes.model):
+        owner = rows.lobe[block]
+        parameters = (part.index_select(0, owner) for part in (lobes.kappa, lobes.normal))
+        angle = lobes.angle.index_select(0, owner)
+        at = rows.query[block]
+        parts.append(eval_model(model, *parameters, angle, gather(wi, at), gather(wo, at)))
+    return rows.spread(parts)
+
+
+def gather(components: Tensor, index: Tensor) -> Tensor:
+    """Directions `[G, S, 3]` at `index [G, S]` of `components [3, Q]`, which stay contiguous."""
+    flat = index.flatten()
+    picked = torch.stack([part.index_select(0, flat) for part in components])
+    return picked.view(3, *index.shape).movedim(0, -1)
+
+
+def _row_length(pairs: int, lobes: int) -> int:
+    """A power of two near half of the pairs that a lobe has on average."""
+    mean = max(1, pairs // max(1, lobes))
+    return min(max(1 << (mean.bit_length() - 1), SHORTEST_ROW), LONGEST_ROW)

@@ -1,0 +1,180 @@
+"""Importance sampling of wi for a given wo by single rotated lobes; `sampling` mixes them.
+
+A lobe is sampled in its own frame, which tilts against the texel's: what falls under the texel's
+horizon is mirrored upward (z to -z), so that the density p over the whole sphere becomes
+p(w) + p(mirrored w), which integrates to 1 over the upper hemisphere and is never below p.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..brdf import REGISTRY
+from ..brdf.base import COS_EPS
+from ..geometry.directions import frame_from_normal
+from ..geometry.warp import square_to_uniform_hemisphere
+from .batch import LobeBatch, rotate
+from .pairs import PairRows, gather
+
+# A lobe is specular if, along one axis at least, its half vector's slope is below this (radians):
+# wider ones vary so slowly that a cosine lobe does as well [WDR11 §5.1 leaves the value open].
+SPECULAR_WIDTH = 0.5
+# Sampled directions keep this much of z, so that the cosine lobe gives them a density above 0.
+LOWEST_Z = 1e-6
+# Directions that average a lobe over light and view: a few percent error, which only moves samples
+# between lobes.
+INTENSITY_SAMPLES = 1024
+# Samples that are worked on at once: about 100 MB.
+BLOCK = 1 << 20
+
+
+@dataclass(frozen=True)
+class LobeTable:
+    """J lobes, ready to be sampled by index.
+
+    Attributes:
+        model: index into `MODEL_NAMES`, `[J]`, on the lobes' device.
+        present: the models that occur, ascending.
+        kappa: parameters `[J, MAX_PARAMETERS]`.
+        frame: rotations from texel to lobe coordinates `[J, 3, 3]`.
+    """
+
+    model: Tensor
+    present: tuple[int, ...]
+    kappa: Tensor
+    frame: Tensor
+
+    @classmethod
+    def build(cls, lobes: LobeBatch) -> LobeTable:
+        """The table of `lobes`, cut from any autograd graph."""
+        present = tuple(torch.unique(lobes.model).tolist())
+        frame = frame_from_normal(lobes.normal.detach(), lobes.angle.detach())
+        kappa = lobes.kappa.detach()
+        return cls(lobes.model.to(kappa.device), present, kappa, frame)
+
+    def to(self, device: torch.device | str) -> LobeTable:
+        """The same table on another device."""
+        parts = (self.kappa.to(device), self.frame.to(device))
+        return LobeTable(self.model.to(device), self.present, *parts)
+
+    def sample(self, lobe: Tensor, wo: Tensor, u: Tensor) -> Tensor:
+        """Directions wi `[N, 3]` of the upper hemisphere, drawn from one lobe each.
+
+        Args:
+            lobe: `[N]` long.
+            wo: view directions `[N, 3]`.
+            u: `[N, 3]` in [0, 1).
+        """
+        frame = self.frame.to(wo.dtype).index_select(0, lobe)  # [N, 3, 3]
+        local_wo = _raised((frame @ wo[..., None])[..., 0])
+        local = torch.empty_like(local_wo)
+        for model, rows in self._by_model(lobe):
+            kappa, view = self._kappa(lobe, rows).to(wo.dtype), local_wo.index_select(0, rows)
+            local[rows] = REGISTRY[model].sample(kappa, view, u.index_select(0, rows))
+        wi = (local[:, None] @ frame)[:, 0]
+        return torch.cat((wi[:, :2], wi[:, 2:].abs().clamp(min=LOWEST_Z)), dim=1)
+
+    def pdf(self, lobe: Tensor, query: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Density of `sample` at wi, in 1/sr; 0 where wi is under the texel's horizon.
+
+        Args:
+            lobe, query: of each pair, `[N]` long.
+            wi, wo: directions of Q queries, `[Q, 3]`.
+
+        Returns:
+            `[N]`.
+        """
+        if not len(lobe):
+            return wi.new_zeros(0)
+        rows = PairRows.build(self.model, lobe, query)
+        wi, wo = wi.T.contiguous(), wo.T.contiguous()  # [3, Q]
+        parts = []
+        for model, block in rows.blocks(self.model):
+            owner, at = rows.lobe[block], rows.query[block]
+            frame, kappa = (x.to(wo.dtype).index_select(0, owner) for x in (self.frame, self.kappa))
+            parts.append(_density(model, kappa[:, None], frame, gather(wi, at), gather(wo, at)))
+        return rows.spread(parts)
+
+    def sees(self, lobe: Tensor, wo: Tensor) -> Tensor:
+        """True where wo `[N, 3]` is above the horizons of the lobe `[N]` and the texel."""
+        normal = self.frame[:, 2].to(wo.dtype).index_select(0, lobe)
+        return ((normal * wo).sum(dim=-1) > 0.0) & (wo[:, 2] > 0.0)
+
+    def _kappa(self, lobe: Tensor, rows: Tensor) -> Tensor:
+        """Parameters `[R, MAX_PARAMETERS]` of the entries at `rows [R]`."""
+        return self.kappa.index_select(0, lobe.index_select(0, rows))
+
+    def _by_model(self, lobe: Tensor) -> Iterator[tuple[int, Tensor]]:
+        """(model, positions in `lobe` that have it) of every model that occurs."""
+        if len(self.present) == 1:
+            yield self.present[0], torch.arange(len(lobe), device=lobe.device)
+            return
+        present = torch.tensor(self.present, device=lobe.device)
+        match = self.model.index_select(0, lobe) == present[:, None]
+        counts = match.sum(dim=1).tolist()
+        parts = torch.nonzero(match)[:, 1].split(counts)
+        for model, count, rows in zip(self.present, counts, parts, strict=True):
+            if count:
+                yield model, rows
+
+
+def _density(model: int, kappa: Tensor, frame: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+    """`LobeTable.pdf` of rows: kappa `[G, 1, P]`, frame `[G, 3, 3]`, wi and wo `[G, S, 3]`."""
+    local_wi, local_wo = rotate(frame, wi), _raised(rotate(frame, wo))
+    mirrored = rotate(frame * frame.new_tensor((1.0, 1.0, -1.0)), wi)
+    upper = REGISTRY[model].pdf(kappa, local_wi, local_wo)
+    lower = REGISTRY[model].pdf(kappa, mirrored, local_wo)
+    return (upper + lower) * wi[..., 2].clamp(0.0, 1.0).ceil()
+
+
+def _raised(w: Tensor) -> Tensor:
+    """Views `[..., 3]` lifted above the horizon of their lobe, mirrored if need be.
+
+    Right at the horizon float32 has lost the half vector; the BRDFs are level there too.
+    """
+    x, y, z = w.unbind(-1)
+    z = z.abs().clamp(min=COS_EPS)
+    length = torch.sqrt(x * x + y * y + z * z)
+    return torch.stack((x / length, y / length, z / length)).movedim(0, -1)
+
+
+def specular_mask(lobes: LobeBatch, width: float = SPECULAR_WIDTH) -> Tensor:
+    """True `[J]` for the lobes of the specular group [WDR11 §5.1]: those narrower than `width`."""
+    mask = torch.zeros(len(lobes), dtype=torch.bool, device=lobes.kappa.device)
+    for model in torch.unique(lobes.model).tolist():
+        rows = torch.nonzero(lobes.model == model).squeeze(-1).to(mask.device)
+        for column, row in enumerate(REGISTRY[model].parameters):
+            if row.from_width is not None:
+                limit = row.from_width(width)
+                sign = 1.0 if row.from_width(0.5 * width) > limit else -1.0
+                mask[rows] |= sign * lobes.kappa[rows, column] > sign * limit
+    return mask
+
+
+def lobe_intensity(lobes: LobeBatch, table: LobeTable, samples: int = INTENSITY_SAMPLES) -> Tensor:
+    """Mean of each rho_j over light and view, `[J]` in 1/sr: the integral of [WDR11 Eq. 9].
+
+    The integrand is rho_j of Eq. 3, what is sampled for, rather than f_j: the cosine keeps grazing
+    light from ruling the average. Found by sampling the lobes with a fixed Sobol sequence.
+
+    Args:
+        samples: directions of each lobe; a power of two fills space most evenly.
+    """
+    # The points are the lower corners of their cells: half a cell further they are the middles.
+    points = torch.quasirandom.SobolEngine(5).draw(samples).to(table.kappa) + 0.5 / samples
+    wo, u = square_to_uniform_hemisphere(points[:, :2]), points[:, 2:]
+    parts = []
+    for rows in torch.arange(len(lobes)).split(max(1, BLOCK // samples)):
+        lobe = rows.to(wo.device).repeat_interleave(samples)
+        view, choice = wo.repeat(len(rows), 1), u.repeat(len(rows), 1)
+        wi = table.sample(lobe, view, choice)
+        query = torch.arange(len(lobe), device=wi.device)
+        density = table.pdf(lobe, query, wi, view).clamp(min=torch.finfo(wi.dtype).tiny)
+        rho = lobes[rows].detach().eval(wi.view(len(rows), samples, 3), wo[None])
+        parts.append((rho / density.view_as(rho)).mean(dim=1))
+    return torch.cat(parts or [wo.new_zeros(0)]) / (2.0 * math.pi)

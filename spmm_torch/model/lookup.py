@@ -1,0 +1,86 @@
+"""Bilinear lookups of a sparse texture: lobes of blocks of 2 x 2 texels, each lobe once.
+
+Neighbouring texels share most of their lobes. A block lists the lobes of its four texels with the
+weights that each texel gives them, so that a query between the texels evaluates every lobe once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..lobes.ragged import COUNTED, ranges, run_starts, stable_order
+
+
+@dataclass(frozen=True)
+class TexelBlocks:
+    """The blocks that some queries meet.
+
+    Attributes:
+        texel: the four texels of each block, `[B, 4]`.
+        start, count: first entry and number of entries of each block, `[B]`.
+        lobe: of each entry, `[M]`.
+        weight: that the four texels give it, `[M, 4, C]`.
+    """
+
+    texel: Tensor
+    start: Tensor
+    count: Tensor
+    lobe: Tensor
+    weight: Tensor
+
+    @classmethod
+    def build(
+        cls, texel: Tensor, counts: Tensor, offset: Tensor, index: Tensor, weight: Tensor
+    ) -> TexelBlocks:
+        """Merges the lobes of each block.
+
+        Args:
+            texel: the four texels of each block, `[B, 4]`.
+            counts: whether a texel counts, `[B, 4]` bool; others are taken to have no lobes.
+            offset: where the entries of each texel of the texture start, `[T + 1]`.
+            index: lobe of each entry of the texture, `[N]`.
+            weight: of each entry of the texture, `[N, C]`.
+        """
+        flat = texel.flatten()
+        start = offset[flat]
+        length = (offset[flat + 1] - start) * counts.flatten()
+        corner, entry = ranges(start, length)  # [E]
+        block, lobe = corner.div(4, rounding_mode="floor"), index[entry]
+        order = _by_block_and_lobe(block, lobe, len(texel))
+        corner, entry, block, lobe = (x[order] for x in (corner, entry, block, lobe))
+        new = run_starts(block, lobe)
+        merged = new.cumsum(0) - 1
+        total = weight.new_zeros(4 * int(new.sum()), weight.shape[1])
+        total = total.index_add(0, 4 * merged + corner % 4, weight.index_select(0, entry))
+        count = torch.bincount(block[new], minlength=len(texel))
+        return cls(
+            texel, count.cumsum(0) - count, count, lobe[new], total.view(-1, 4, weight.shape[1])
+        )
+
+
+def blocks_met(texel: Tensor, texels: int) -> tuple[Tensor, Tensor]:
+    """(block of each query `[Q]`, four texels of each block `[B, 4]`) of `texel [Q, 4]`.
+
+    A block is known by its first texel, of which there are `texels`.
+    """
+    first = texel[:, 0]
+    met = torch.zeros(texels, dtype=torch.bool, device=texel.device)
+    met[first] = True
+    block = (met.cumsum(0) - 1)[first]
+    corners = texel.new_empty(int(met.sum()), 4)
+    corners[block] = texel
+    return block, corners
+
+
+def _by_block_and_lobe(block: Tensor, lobe: Tensor, blocks: int) -> Tensor:
+    """Positions `[E]` that sort entries by `block [E]`, which ascends, and then by `lobe [E]`."""
+    if not len(lobe):
+        return block
+    lobes = int(lobe.max()) + 1
+    if blocks > COUNTED or lobes > COUNTED:
+        return torch.argsort(block * lobes + lobe)
+    by_lobe = stable_order(lobe, lobes)
+    return by_lobe[stable_order(block[by_lobe], blocks)]

@@ -1,0 +1,303 @@
+"""The sparse parametric mixture model as a torch module [WDR11 Eq. 2]."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import embedding_bag
+
+from ..brdf import MODEL_NAMES
+from ..errors import OutputError
+from ..geometry.directions import texel_at
+from ..lobes.batch import LobeBatch
+from ..lobes.pairs import eval_pairs
+from ..lobes.ragged import ranges, stable_order
+from ..runtime import tensor_file
+from ..runtime.device import full_precision
+from . import sampling
+from .lookup import TexelBlocks, blocks_met
+from .residual import Residual
+
+# (query, lobe) entries that are evaluated at once: some MB, which stay in the caches of a CPU.
+BLOCK_ENTRIES = 1 << 18
+
+
+@dataclass(frozen=True)
+class SparseWeights:
+    """Lobes and weights of every texel, without padding.
+
+    Attributes:
+        offset: where each texel's entries start, `[T + 1]` long.
+        index: lobe of each entry, `[N]` long.
+        weight: its weights, `[N, C]`.
+    """
+
+    offset: Tensor
+    index: Tensor
+    weight: Tensor
+
+
+class SPMM(nn.Module):
+    """T = H x W texels, each a short non-negative sum of J shared lobes, plus a cluster residual.
+
+    s_x(wi, wo) = sum_j alpha_j rho_j(wi, wo) + epsilon_k(wi, wo) [WDR11 Eq. 2]. All of alpha,
+    kappa, normals and epsilon are parameters; only epsilon starts without gradient.
+
+    Args:
+        height, width: of the texture.
+        lobes: the dictionary, J lobes.
+        weights: entries of all texels.
+        labels: cluster of each texel, `[T]`.
+        residual: epsilon of each cluster.
+        light, view: measured directions `[L, 3]`, `[V, 3]`.
+        name: of the material.
+    """
+
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        lobes: LobeBatch,
+        weights: SparseWeights,
+        labels: Tensor,
+        residual: Residual,
+        light: Tensor,
+        view: Tensor,
+        name: str = "",
+    ) -> None:
+        super().__init__()
+        self.height, self.width, self.name = height, width, name
+        self.lobe_model = lobes.model
+        self.kappa = nn.Parameter(lobes.kappa)
+        self.normal = nn.Parameter(lobes.normal)
+        self.angle = nn.Parameter(lobes.angle)
+        self.weight = nn.Parameter(weights.weight)
+        self.register_buffer("offset", weights.offset)
+        self.register_buffer("index", weights.index)
+        self.register_buffer("labels", labels)
+        self.residual = residual
+        self.register_buffer("light", light)
+        self.register_buffer("view", view)
+        self._sampling: sampling.SamplingData | None = None
+
+    @classmethod
+    def load(cls, run: Path | str, device: torch.device | str = "cpu") -> SPMM:
+        """The model of a run folder, or of a `model.safetensors` file.
+
+        Raises:
+            OutputError: nothing there, or not a model of a version this program reads.
+        """
+        tensors, metadata = tensor_file.read(run, device)
+        try:
+            return cls.from_tensors(tensors, metadata)
+        except (KeyError, ValueError) as error:
+            raise OutputError(
+                f"{run} lacks a part of the model or names an unknown BRDF ({error}); make it anew "
+                f"with spmm fit."
+            ) from error
+
+    def pack(self) -> bytes:
+        """The content of a model file."""
+        return tensor_file.pack(*self.to_tensors())
+
+    def to_tensors(self) -> tuple[dict[str, Tensor], dict[str, str]]:
+        """Everything that a reader needs, in compact types: (tensors, metadata)."""
+        tensors = {
+            "weights.count": tensor_file.narrow(self.lobe_count_per_texel()),
+            "weights.index": tensor_file.narrow(self.index),
+            "weights.weight": self.weight,
+            "weights.label": tensor_file.narrow(self.labels),
+            "dictionary.model": tensor_file.narrow(self.lobe_model),
+            "dictionary.kappa": self.kappa,
+            "dictionary.normal": self.normal,
+            "dictionary.angle": self.angle,
+            "residual.code": self.residual.code,
+            "residual.scale": self.residual.scale,
+            "directions.light": self.light,
+            "directions.view": self.view,
+        }
+        size = {"height": str(self.height), "width": str(self.width)}
+        return tensors, {"name": self.name, "models": json.dumps(MODEL_NAMES), **size}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor], metadata: dict[str, str]) -> SPMM:
+        """The model of `to_tensors`; BRDFs are found by their names."""
+        names = json.loads(metadata["models"])
+        place = torch.tensor([MODEL_NAMES.index(name) for name in names])
+        lobes = LobeBatch(
+            place[tensors["dictionary.model"].cpu().long()],
+            *(tensors[f"dictionary.{part}"] for part in ("kappa", "normal", "angle")),
+        )
+        count = tensors["weights.count"].long()
+        offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
+        weights = SparseWeights(offset, tensors["weights.index"].long(), tensors["weights.weight"])
+        light, view = tensors["directions.light"], tensors["directions.view"]
+        residual = Residual(tensors["residual.code"], tensors["residual.scale"], light, view)
+        height, width = int(metadata["height"]), int(metadata["width"])
+        labels = tensors["weights.label"].long()
+        return cls(height, width, lobes, weights, labels, residual, light, view, metadata["name"])
+
+    def byte_counts(self) -> dict[str, int]:
+        """Stored bytes of weights, dictionary and residual, and of the whole file."""
+        counts = dict.fromkeys(("weights", "dictionary", "residual"), 0)
+        for name, tensor in self.to_tensors()[0].items():
+            part = name.partition(".")[0]
+            if part in counts:
+                counts[part] += tensor.numel() * tensor.element_size()
+        return {**counts, "total": len(self.pack())}
+
+    @property
+    def dictionary(self) -> LobeBatch:
+        """The J lobes."""
+        return LobeBatch(self.lobe_model, self.kappa, self.normal, self.angle)
+
+    @property
+    def cluster_count(self) -> int:
+        """K."""
+        return len(self.residual.code)
+
+    @property
+    def texel_count(self) -> int:
+        """T."""
+        return self.height * self.width
+
+    @property
+    def sparse_weights(self) -> SparseWeights:
+        """The entries of all texels."""
+        return SparseWeights(self.offset, self.index, self.weight)
+
+    @full_precision()
+    def forward(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
+        """Cosine-weighted reflectance [WDR11 Eq. 2].
+
+        Texels are interpolated bilinearly and the texture repeats; texel centres return the
+        texel itself. Lobes are analytic, so any directions may be asked for; the residual is
+        interpolated between the measured ones, and being signed it can bring a value a little
+        below zero.
+
+        Args:
+            uv: texture coordinates `[..., 2]`, u right, v up.
+            wi, wo: unit light and view directions `[..., 3]`, pointing away from the surface.
+            residual: whether to add epsilon.
+
+        Returns:
+            Linear RGB `[..., C]`; 0 where wi or wo is under the horizon. Differentiable.
+        """
+        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
+        texel, share = texel_at(uv, self.height, self.width)  # [Q, 4]
+        block, corners = blocks_met(texel, self.texel_count)
+        counts = torch.ones_like(corners, dtype=torch.bool)
+        if not share.requires_grad:  # the slope along uv needs neighbours of no share too
+            counts = share.new_zeros(corners.shape).index_add(0, block, share) > 0.0
+        weight = self.weight.to(torch.promote_types(self.weight.dtype, wi.dtype))
+        blocks = TexelBlocks.build(corners, counts, self.offset, self.index, weight)
+        total = max(1, int(blocks.count[block].sum()))
+        size = max(1, len(texel) * BLOCK_ENTRIES // total)
+        # Block by block, so that neighbours in memory read the same entries.
+        order = stable_order(block, len(corners))
+        queries = (x.index_select(0, order) for x in (block, share, wi, wo))
+        parts = [
+            self._forward_block(blocks, *part, residual)
+            for part in zip(*(x.split(size) for x in queries), strict=True)
+        ]
+        value = torch.cat(parts)
+        value = torch.empty_like(value).index_copy(0, order, value)
+        return value.view(*shape, self.weight.shape[1])
+
+    @full_precision()
+    def sample(self, uv: Tensor, wo: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Light directions sampled by importance [WDR11 §6].
+
+        Args:
+            uv: texture coordinates `[..., 2]`.
+            wo: unit view directions `[..., 3]`.
+            u: uniform numbers `[..., 3]` in [0, 1).
+
+        Returns:
+            (wi `[..., 3]`, rgb = model(uv, wi, wo) `[..., C]`, pdf per solid angle `[...]`).
+        """
+        shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
+        uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
+        texel, share = texel_at(uv, self.height, self.width)
+        with torch.no_grad():
+            wi, density = sampling.sample(self.sampling_data(), texel, share, wo, u)
+        rgb = self(uv, wi, wo)
+        return wi.view(*shape, 3), rgb.view(*shape, -1), density.view(shape)
+
+    @full_precision()
+    @torch.no_grad()
+    def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """The density of `sample` at wi, per solid angle: `[...]`; above 0 over the horizon."""
+        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
+        texel, share = texel_at(uv, self.height, self.width)
+        return sampling.pdf(self.sampling_data(), texel, share, wi, wo).view(shape)
+
+    @torch.no_grad()
+    def sampling_data(self, renew: bool = False) -> sampling.SamplingData:
+        """What importance sampling needs, made at first use and kept.
+
+        Args:
+            renew: make it anew, as is wise once parameters have changed much; it stays valid
+                whatever they are, but fits them less.
+        """
+        kept = self._sampling
+        if renew or kept is None or kept.gamma.device != self.weight.device:
+            size = sampling.residual_intensity(self.residual.code, self.residual.scale)  # [K]
+            kept = sampling.SamplingData.build(
+                self.dictionary, self.offset, self.index, self.weight, size[self.labels]
+            )
+            self._sampling = kept
+        return kept
+
+    def _forward_block(
+        self,
+        blocks: TexelBlocks,
+        block: Tensor,
+        share: Tensor,
+        wi: Tensor,
+        wo: Tensor,
+        residual: bool,
+    ) -> Tensor:
+        """`forward` of Q queries: block `[Q]`, share `[Q, 4]`, wi and wo `[Q, 3]`."""
+        start, count = (x.index_select(0, block) for x in (blocks.start, blocks.count))
+        query, entry = ranges(start, count)  # [N]
+        lobe = blocks.lobe.index_select(0, entry)
+        rho = eval_pairs(self.dictionary, lobe, query, wi, wo)
+        table = blocks.weight.flatten(1)  # [M, 4 C]
+        first = count.cumsum(0) - count
+        rho = rho.to(table.dtype)
+        sums = embedding_bag(entry, table, first, mode="sum", per_sample_weights=rho)  # [Q, 4 C]
+        total = (sums.unflatten(1, (4, -1)) * share[..., None]).sum(dim=1)  # Eq. (2)
+        if residual:
+            cluster = self.labels[blocks.texel[block]]
+            total = total + self.residual.blend(cluster, share, wi, wo)
+        return total
+
+    @full_precision()
+    def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
+        """Every texel under one light and view `[3]`: `[H, W, C]`, row 0 at the top."""
+        rho = self.dictionary.eval(wi[None, None], wo[None, None]).squeeze(1)  # [J]
+        value = self.weight * rho[self.index, None]  # [N, C]
+        texel = torch.repeat_interleave(self.lobe_count_per_texel())
+        total = value.new_zeros(self.texel_count, value.shape[1]).index_add(0, texel, value)
+        if residual:
+            cluster = torch.arange(self.cluster_count, device=wi.device)
+            pair = (len(cluster), 3)
+            total = total + self.residual(cluster, wi.expand(pair), wo.expand(pair))[self.labels]
+        return total.view(self.height, self.width, -1)
+
+    def lobe_count_per_texel(self) -> Tensor:
+        """Lobes of each texel, `[T]`."""
+        return self.offset[1:] - self.offset[:-1]
+
+    def lobe_use_by_model(self) -> dict[str, int]:
+        """How many (texel, lobe) entries use each BRDF that is in use, most used first."""
+        counts = Counter(self.lobe_model[self.index.cpu()].tolist())
+        return {MODEL_NAMES[model]: count for model, count in counts.most_common()}

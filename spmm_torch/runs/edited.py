@@ -1,0 +1,99 @@
+"""The run folder of an edited model: self-contained, with the script that makes it again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+
+from ..runtime.atomic import new_folder
+from ..edit import Script
+from ..edit.script import map_paths
+from ..errors import OutputError
+from ..model.spmm import SPMM
+from ..report import write_report
+from ..report.contract import FILE_NAME
+from ..report.edited import edited_report, write_edited_html
+from .folder import CONFIG, REPORT_PAGE
+from ..runtime.tensor_file import MODEL_FILE, write_atomic
+
+EDITS, MASKS = "edits.yaml", "masks"
+
+
+def edit_run(
+    run: Path | str, script: Script, output: Path | str, device: torch.device | str = "cpu"
+) -> SPMM:
+    """Edits the model of a run and saves the result as another run.
+
+    Raises:
+        SPMMError: the run cannot be read, an edit cannot be done, or `output` cannot be written.
+    """
+    before = SPMM.load(run, device)
+    after = script.apply(before)
+    save_edited_run(run, before, after, script, output)
+    return after
+
+
+def save_edited_run(
+    run: Path | str, before: SPMM, after: SPMM, script: Script, output: Path | str
+) -> None:
+    """Writes the run folder of an edited model, whole or not at all.
+
+    It holds the model, the settings of the fit, `edits.yaml` (with the edits that `run` itself was
+    made by, so that it leads from the fit to this model), the pictures that are its masks, and
+    reports in which errors of the fit are unknown.
+
+    Args:
+        run: folder or model file that was edited.
+        before, after: its model, and the edited one.
+        script: what lies between them.
+        output: the folder to make.
+
+    Raises:
+        OutputError: `output` exists or cannot be written, or the report of `run` is damaged.
+    """
+    source = Path(run) if Path(run).is_dir() else Path(run).parent
+    report = _report(source / FILE_NAME)
+    history = Script.read(source / EDITS) if (source / EDITS).is_file() else Script()
+    with new_folder(output) as folder:
+        write_atomic(folder / MODEL_FILE, after.pack())
+        if (source / CONFIG).is_file():
+            shutil.copyfile(source / CONFIG, folder / CONFIG)
+        text = _kept_script(history + script, folder)
+        (folder / EDITS).write_text(text, encoding="utf-8")
+        if report is not None:
+            write_report(folder, edited_report(report, after))
+        write_edited_html(folder / REPORT_PAGE, before, after, text)
+
+
+def _report(path: Path) -> dict[str, Any] | None:
+    """The report of the run; None where there is none."""
+    if not path.is_file():
+        return None
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"{path} cannot be read ({error}); expected the report of a fit; restore or remove it."
+        ) from error
+
+
+def _kept_script(script: Script, folder: Path) -> str:
+    """The script as YAML, with the pictures of its masks copied into `folder`."""
+    kept: dict[str, str] = {}
+
+    def keep(path: str) -> str:
+        source = Path(path)
+        if not source.is_file() or source.name == MODEL_FILE:
+            return path  # the other model of a blend stays where it is
+        if path not in kept:
+            (folder / MASKS).mkdir(exist_ok=True)
+            kept[path] = f"{MASKS}/{len(kept) + 1}_{source.name}"
+            shutil.copyfile(source, folder / kept[path])
+        return kept[path]
+
+    return yaml.safe_dump(map_paths(script.plain(), keep), sort_keys=False, allow_unicode=True)

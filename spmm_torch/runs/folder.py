@@ -1,0 +1,202 @@
+"""A run folder: made whole or not at all, and gone on with after a stop."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from .. import __version__
+from ..config.fit import FitConfig
+from ..data import BTF
+from ..errors import ConfigError, OutputError
+from ..model.spmm import SPMM
+from ..runtime.ranks import ALONE, Ranks
+from ..report import write_html, write_report
+from ..report.markup import Markup
+from ..runtime.tensor_file import MODEL_FILE, write_atomic
+
+CONFIG, LOG, REPORT_PAGE = "config.yaml", "log.txt", "report.html"
+# Inside of the folder while it is made: finished stages, what they depend on, and a lock.
+STATE, FINGERPRINT, LOCK = "state", "fingerprint.json", "lock"
+
+
+def is_finished(path: Path | str) -> bool:
+    """Whether a run folder is whole."""
+    return (Path(path) / MODEL_FILE).is_file()
+
+
+def fingerprint(btf: BTF, config: FitConfig) -> dict[str, Any]:
+    """All that the finished stages of a run depend on, as flat JSON."""
+    source = Path(btf.path)
+    size = source.stat().st_size if source.is_file() else None
+    shape = [btf.height, btf.width, len(btf.view), len(btf.light)]
+    facts = {"version": __version__, "input": btf.path, "bytes": size, "shape": shape}
+    return facts | _flat(config.to_dict())
+
+
+def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    rows: dict[str, Any] = {}
+    for key, value in values.items():
+        nested = isinstance(value, dict)
+        rows |= _flat(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
+    return rows
+
+
+@contextmanager
+def new_run(
+    path: Path | str,
+    depends_on: dict[str, Any] | None = None,
+    resume: bool = False,
+    ranks: Ranks = ALONE,
+) -> Iterator[Path]:
+    """A folder `.NAME.part` beside `path`, renamed to it at the end.
+
+    If anything goes wrong it is removed, and nothing is left; but where stages were finished
+    already, it stays for a later call with `resume`.
+
+    Args:
+        path: of the run.
+        depends_on: what the finished stages depend on, as JSON; a run whose own differs is not
+            gone on with.
+        resume: go on with what an earlier call has left, if it has.
+        ranks: the processes of the run; the first one makes the folder.
+
+    Raises:
+        OutputError: `path` exists or cannot be written, or an unfinished run is in the way.
+        ConfigError: the unfinished run is another one.
+    """
+    target = Path(path)
+    folder = target.parent / f".{target.name}.part"
+    with ExitStack() as held:
+        ranks.first(lambda: _begin(held, target, folder, depends_on, resume))
+        try:
+            yield folder
+            if ranks.is_first:
+                os.replace(folder, target)
+                remove_leftovers(target)
+        except OSError as error:
+            raise _unwritable(target, error) from error
+
+
+def _begin(
+    held: ExitStack,
+    target: Path,
+    folder: Path,
+    depends_on: dict[str, Any] | None,
+    resume: bool,
+) -> None:
+    """Makes the folder, or takes over an unfinished one, and holds it for this process alone."""
+    try:
+        _check_free(target)
+        held.callback(_remove_empty, [parent for parent in target.parents if not parent.exists()])
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = held.enter_context((folder / LOCK).open("w"))
+        _take(lock.fileno(), target)
+        held.callback(_remove_worthless, folder)
+        _check_free(target)  # the process that held the lock may have finished it
+        if _has_state(folder):
+            _check_unfinished(target, folder, depends_on, resume)
+        else:
+            (folder / STATE).mkdir(exist_ok=True)
+            content = json.dumps(depends_on, ensure_ascii=False).encode()
+            write_atomic(folder / FINGERPRINT, content)
+    except OSError as error:
+        raise _unwritable(target, error) from error
+
+
+def _check_free(target: Path) -> None:
+    if target.exists() or target.is_symlink():
+        raise OutputError(
+            f"run folder {target} exists; expected a new name; choose one or remove it."
+        )
+
+
+def _take(lock: int, target: Path) -> None:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise OutputError(
+            f"another process is making the run {target}; wait for it, or choose another name."
+        ) from error
+
+
+def _has_state(folder: Path) -> bool:
+    return any((folder / STATE).glob("*.safetensors"))
+
+
+def _check_unfinished(
+    target: Path, folder: Path, depends_on: dict[str, Any] | None, resume: bool
+) -> None:
+    """Whether an unfinished run may be gone on with."""
+    if not resume:
+        raise OutputError(
+            f"an unfinished run of {target} lies in {folder}; add --resume to go on with it, or "
+            f"remove that folder."
+        )
+    before = json.loads((folder / FINGERPRINT).read_text(encoding="utf-8"))
+    now = json.loads(json.dumps(depends_on))
+    if before != now:
+        key = next(key for key in {**before, **now} if before.get(key) != now.get(key))
+        raise ConfigError(
+            f"the unfinished run of {target} has {key} = {before.get(key)!r}, not "
+            f"{now.get(key)!r}; repeat its command to go on, or remove {folder}."
+        )
+
+
+def remove_leftovers(run: Path | str) -> None:
+    """Removes from a whole run what only its making needed.
+
+    They go after the run has its name, so that a kill at this point loses nothing; the fingerprint,
+    by which they are known, goes last.
+    """
+    if not (Path(run) / FINGERPRINT).is_file():
+        return
+    shutil.rmtree(Path(run) / STATE, ignore_errors=True)
+    with suppress(OSError):
+        for name in (LOCK, FINGERPRINT):
+            (Path(run) / name).unlink(missing_ok=True)
+
+
+def _remove_worthless(folder: Path) -> None:
+    """Removes an unfinished run without a finished stage."""
+    if not _has_state(folder):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    with suppress(OSError):  # they stay where they hold the run
+        for folder in folders:
+            folder.rmdir()
+
+
+def _unwritable(path: Path | str, error: OSError) -> OutputError:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return OutputError(
+            f"the disk is full at run folder {path} ({error}); free some space and go on with "
+            f"--resume."
+        )
+    return OutputError(
+        f"run folder {path} cannot be written ({error}); check the disk and the permissions."
+    )
+
+
+def write_run(
+    folder: Path,
+    model: SPMM,
+    report: dict[str, Any],
+    config: FitConfig,
+    btf: BTF,
+    sections: Sequence[Markup] = (),
+) -> None:
+    """Writes model, settings and both reports into `folder`; `sections` go into the page."""
+    write_atomic(folder / MODEL_FILE, model.pack())
+    (folder / CONFIG).write_text(config.to_yaml(), encoding="utf-8")
+    write_report(folder, report)
+    write_html(folder / REPORT_PAGE, report, model, btf, sections)

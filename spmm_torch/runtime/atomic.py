@@ -1,0 +1,73 @@
+"""Files and folders that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ..errors import OutputError
+
+# Zips of the same content are the same bytes.
+TIMESTAMP = (1980, 1, 1, 0, 0, 0)
+
+
+@contextmanager
+def new_file(path: Path | str) -> Iterator[Path]:
+    """A temporary name beside `path`, renamed to it at the end; an old file there is replaced.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    target = Path(path)
+    temporary = _temporary(target)
+    try:
+        with _output_errors(target):
+            yield temporary
+            os.replace(temporary, target)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(path: Path | str) -> Iterator[Path]:
+    """An empty folder under a temporary name beside `path`, renamed to it at the end.
+
+    Raises:
+        OutputError: `path` exists, or the folder cannot be written.
+    """
+    target = Path(path)
+    if target.exists() or target.is_symlink():
+        raise OutputError(f"{target} exists; expected a new name; choose one or remove it.")
+    temporary = _temporary(target)
+    try:
+        with _output_errors(target):
+            temporary.mkdir()
+            yield temporary
+            os.replace(temporary, target)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def zip_member(name: str) -> zipfile.ZipInfo:
+    """An uncompressed member of a zip, with a fixed time."""
+    return zipfile.ZipInfo(name, TIMESTAMP)
+
+
+def _temporary(target: Path) -> Path:
+    return target.with_name(f".{target.name}.{os.getpid()}.tmp")
+
+
+@contextmanager
+def _output_errors(target: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"{target} cannot be written ({error}); expected a writable folder with enough space; "
+            f"choose another place."
+        ) from error

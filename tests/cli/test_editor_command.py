@@ -1,0 +1,47 @@
+"""`spmm edit --interactive` refuses bad input in one sentence, before a page is served."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from spmm_torch.cli import editor as command
+from spmm_torch.cli.main import main
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--size", "5"], "--size is 5; expected 64 to 1024 pixels"),
+        (["--host", "no.such.host.invalid"], "--host no.such.host.invalid cannot be used"),
+        (["--device", "abacus"], "abacus"),
+    ],
+)
+def test_bad_options(
+    options: list[str], complaint: str, run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("trame_vuetify")
+    assert main(["edit", str(run), "--interactive", *options]) == 2
+    shown = capsys.readouterr().err
+    assert shown.startswith("error: ")
+    assert complaint in shown
+    assert shown.count("\n") == 1
+
+
+def test_a_run_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("trame_vuetify")
+    assert main(["edit", str(tmp_path / "no"), "--interactive"]) == 2
+    assert "does not exist; expected a run folder" in capsys.readouterr().err
+
+
+def test_without_trame_the_sentence_names_the_extra(
+    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("spmm_torch.viz.requirements.find_spec", lambda name: None)
+    assert main(["edit", str(run), "--interactive"]) == 2
+    assert "needs trame, which is not installed" in capsys.readouterr().err
+
+
+def test_a_free_port_is_one() -> None:
+    assert 0 < command.free_port("localhost") < 1 << 16

@@ -1,0 +1,105 @@
+"""`spmm figures` on a run, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from spmm_torch.cli.figures import main
+from spmm_torch.figures import FIGURES, sampling
+from tests.evaluate.runs import make_run, planted_btf, save
+from tests.report.test_page import Page
+
+SMALL = ["--size", "16", "--samples", "1", "--device", "cpu"]
+
+
+@pytest.fixture(autouse=True)
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sampling, "VARIANCE_HITS", 16)
+    monkeypatch.setattr(sampling, "VARIANCE_SAMPLES", 32)
+    monkeypatch.setattr(sampling, "OUR_SAMPLES", 4)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("figures")
+    return make_run(save(planted_btf(4), folder / "planted.npz"), folder / "run")
+
+
+def test_all_figures(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert main([str(run), "-o", str(out), *SMALL]) == 0
+    assert capsys.readouterr().out == f"{out / 'figures.html'}\n"
+    pictures = [f"{name}.png" for name in FIGURES]
+    assert sorted(path.name for path in out.iterdir()) == sorted(
+        [*pictures, "figures.html", "figures.json"]
+    )
+    for name in pictures:
+        assert np.asarray(Image.open(out / name)).std() > 10.0
+    values = json.loads((out / "figures.json").read_text(encoding="utf-8"))
+    variance = values["figure10"]["variance"]
+    assert set(variance) == {"sphere_studio", "sphere_white", "texel_white"}
+    for found in variance.values():
+        assert found["spmm"]["variance"] > 0.0
+        ratio = found["cosine"]["variance"] / found["spmm"]["variance"]
+        assert found["gain"]["equal_count"] == pytest.approx(ratio)
+    assert len(values["figure3"]["exposure"]) == 3
+    page = Page((out / "figures.html").read_text(encoding="utf-8"))
+    assert len(page.images()) == len(FIGURES)
+    assert any("equal sample count" in text for text in page.text)
+
+
+def test_some_figures_need_no_input(run: Path, tmp_path: Path) -> None:
+    report = run / "report.json"
+    text = report.read_text(encoding="utf-8")
+    report.unlink()
+    try:
+        words = ["--only", "figure10", "--texel", "1,2", "--view", "30,90"]
+        assert main([str(run), "-o", str(tmp_path / "out"), *words, *SMALL]) == 0
+    finally:
+        report.write_text(text, encoding="utf-8")
+    values = json.loads((tmp_path / "out" / "figures.json").read_text(encoding="utf-8"))
+    assert values["figure10"]["texel"] == [1, 2]
+    assert values["figure10"]["view_degrees"] == pytest.approx([30.0, 90.0])
+
+
+def test_a_single_texel(tmp_path: Path) -> None:
+    run = make_run(save(planted_btf(1), tmp_path / "one.npz"), tmp_path / "run")
+    assert main([str(run), "-o", str(tmp_path / "out"), *SMALL]) == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--only", "figure11"], "--only names 'figure11'; expected some of figure3"),
+        (["--texel", "4,0"], "texel 4,0 lies outside"),
+        (["--texel", "a"], "--texel is 'a'; expected two numbers"),
+        (["--view", "45"], "--view is '45'"),
+        (["--view", "95,0"], "polar angle is 95 degrees"),
+        (["--size", "0"], "size is 0"),
+        (["--against", "none.zip"], "none.zip does not exist"),
+        (["-o", "RUN"], "exists; expected a new name"),
+    ],
+)
+def test_bad_input(
+    run: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    words: list[str],
+    complaint: str,
+) -> None:
+    words = [str(run) if word == "RUN" else word for word in words]
+    assert main([str(run), "-o", str(tmp_path / "out"), *SMALL, *words]) == 2
+    shown = capsys.readouterr()
+    assert shown.out == ""
+    assert complaint in [line for line in shown.err.splitlines() if "error: " in line][0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 2
+    assert "does not exist" in capsys.readouterr().err
