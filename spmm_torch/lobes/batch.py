@@ -1,8 +1,8 @@
 """Rotated, cosine-weighted BRDF lobes: the parametric functions rho_j of the mixture [WDR11 Eq. 3].
 
 This is the only place that rotates directions into a local frame, and the only one that applies
-the factor n_j . wi. Models are grouped by the host, so evaluating J lobes costs one pass a model,
-never one a lobe.
+the factor n_j . wi. Lobes are grouped by their model, so evaluating J of them costs one pass a
+model, never one a lobe.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from ..geometry.directions import (
     normal_from_disk,
     project_disk,
 )
+from .ragged import groups
 
 # Values a block of lobes may hold: intermediate results then stay in the cache of a CPU core,
 # and a GPU has enough to do.
@@ -36,7 +37,7 @@ class LobeBatch:
     """J lobes of any models.
 
     Attributes:
-        model: index into `MODEL_NAMES`, `[J]`, always on the CPU: it steers, it is not computed.
+        model: index into `MODEL_NAMES`, `[J]` long.
         kappa: parameters of the models in their own units, `[J, MAX_PARAMETERS]`, zero-padded.
         normal: unit normals n_j in texel coordinates, `[J, 3]`.
         angle: turn of the tangent about the normal in radians, `[J]`; 0 for isotropic models.
@@ -52,28 +53,25 @@ class LobeBatch:
 
     def __getitem__(self, index: Tensor | slice) -> LobeBatch:
         """The lobes at `index` (long or bool tensor, or slice)."""
-        host = index.cpu() if isinstance(index, Tensor) else index
-        return LobeBatch(self.model[host], self.kappa[index], self.normal[index], self.angle[index])
+        return LobeBatch(*(part[index] for part in self._parts()))
 
     def to(self, device: torch.device | str) -> LobeBatch:
         """The same lobes on another device."""
-        return LobeBatch(
-            self.model, self.kappa.to(device), self.normal.to(device), self.angle.to(device)
-        )
+        return LobeBatch(*(part.to(device) for part in self._parts()))
 
     def detach(self) -> LobeBatch:
         """The same lobes cut from any autograd graph."""
-        return LobeBatch(self.model, self.kappa.detach(), self.normal.detach(), self.angle.detach())
+        return LobeBatch(*(part.detach() for part in self._parts()))
 
     @staticmethod
     def cat(batches: Sequence[LobeBatch]) -> LobeBatch:
         """All lobes of several batches in their order."""
-        return LobeBatch(
-            torch.cat([batch.model for batch in batches]),
-            torch.cat([batch.kappa for batch in batches]),
-            torch.cat([batch.normal for batch in batches]),
-            torch.cat([batch.angle for batch in batches]),
-        )
+        columns = zip(*(batch._parts() for batch in batches), strict=True)
+        return LobeBatch(*(torch.cat(column) for column in columns))
+
+    def by_model(self) -> Iterator[tuple[int, Tensor]]:
+        """(index into `MODEL_NAMES`, lobes that have this model, ascending) of every model met."""
+        return groups(self.model, len(REGISTRY))
 
     def names(self) -> list[str]:
         """The model's name of each lobe."""
@@ -101,26 +99,29 @@ class LobeBatch:
         value = torch.cat([part for _, part in blocks])
         if bool((order[1:] > order[:-1]).all()):
             return value
-        return value.index_select(0, torch.argsort(order).to(value.device))
+        return value.index_select(0, torch.argsort(order))
 
     def eval_grid(self, light: Tensor, view: Tensor) -> Tensor:
         """rho_j on all pairs of lights `[L, 3]` and views `[V, 3]`: `[J, D]`."""
         return self.eval(light[None, None], view[None, :, None]).flatten(1)
 
     def _blocks(self, wi: Tensor, wo: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
-        """(lobe indices on the CPU, values) of blocks of equal model that fit the cache."""
+        """(lobe indices, values) of blocks of equal model that fit the cache."""
         shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
         budget = CUDA_BLOCK if wi.is_cuda else CPU_BLOCK
         size = max(1, budget // max(1, shape.numel()))
-        for model in torch.unique(self.model).tolist():
-            for index in torch.nonzero(self.model == model).squeeze(-1).split(size):
-                where = index.to(wi.device)
-                part_wi = wi if wi.shape[0] == 1 else wi.index_select(0, where)
-                part_wo = wo if wo.shape[0] == 1 else wo.index_select(0, where)
-                kappa = self.kappa.index_select(0, where)
-                normal = self.normal.index_select(0, where)
-                angle = self.angle.index_select(0, where)
+        for model, rows in self.by_model():
+            for index in rows.split(size):
+                part_wi = wi if wi.shape[0] == 1 else wi.index_select(0, index)
+                part_wo = wo if wo.shape[0] == 1 else wo.index_select(0, index)
+                kappa = self.kappa.index_select(0, index)
+                normal = self.normal.index_select(0, index)
+                angle = self.angle.index_select(0, index)
                 yield index, eval_model(model, kappa, normal, angle, part_wi, part_wo)
+
+    def _parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """All fields, in their order."""
+        return self.model, self.kappa, self.normal, self.angle
 
 
 def _check_precision(*tensors: Tensor) -> None:
@@ -163,7 +164,7 @@ def rotate(rotation: Tensor, w: Tensor) -> Tensor:
 
 def anisotropic_mask(model: Tensor) -> Tensor:
     """True for each lobe of `model [J]` whose BRDF has a tangent."""
-    table = torch.tensor([brdf.anisotropic for brdf in REGISTRY])
+    table = torch.tensor([brdf.anisotropic for brdf in REGISTRY], device=model.device)
     return table[model]
 
 
@@ -173,23 +174,21 @@ def decode(model: Tensor, coordinates: Tensor) -> LobeBatch:
     Smooth, so that the search can differentiate through it.
     """
     kappa = torch.zeros_like(coordinates[:, 3:])
-    for index in torch.unique(model).tolist():
-        rows = torch.nonzero(model == index).squeeze(-1).to(coordinates.device)
+    for index, rows in groups(model, len(REGISTRY)):
         table = REGISTRY[index].parameters
         if table:
             unit = coordinates.index_select(0, rows)[:, 3 : 3 + len(table)].unbind(-1)
             values = [row.from_unit(column) for row, column in zip(table, unit, strict=True)]
             padding = [torch.zeros_like(values[0])] * (MAX_PARAMETERS - len(table))
             kappa = kappa.index_copy(0, rows, torch.stack(values + padding, dim=-1))
-    turn = anisotropic_mask(model).to(coordinates.device, coordinates.dtype)
+    turn = anisotropic_mask(model).to(coordinates.dtype)
     return LobeBatch(model, kappa, normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn)
 
 
 def encode(lobes: LobeBatch) -> Tensor:
     """The search coordinates `[J, COORDINATES]` of lobes; the inverse of `decode`."""
     unit = torch.zeros_like(lobes.kappa)
-    for index in torch.unique(lobes.model).tolist():
-        rows = torch.nonzero(lobes.model == index).squeeze(-1).to(unit.device)
+    for index, rows in lobes.by_model():
         for column, row in enumerate(REGISTRY[index].parameters):
             unit[rows, column] = row.to_unit(lobes.kappa[rows, column])
     return torch.cat((disk_from_normal(lobes.normal), lobes.angle[:, None], unit), dim=1)
@@ -226,7 +225,7 @@ class Feasible:
 
     def project(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """The nearest feasible coordinates `[J, COORDINATES]` of lobes of `model [J]`."""
-        low = self.low[model].to(coordinates)
-        high = self.high[model].to(coordinates)
+        low = self.low.to(coordinates)[model]
+        high = self.high.to(coordinates)[model]
         unit = torch.minimum(torch.maximum(coordinates[:, 3:], low), high)
         return torch.cat((project_disk(coordinates[:, :2]), coordinates[:, 2:3], unit), dim=1)

@@ -15,6 +15,7 @@ from ..brdf import MAX_PARAMETERS, REGISTRY
 from ..brdf.base import above_horizon
 from ..geometry.directions import frame_from_normal, normal_from_disk
 from .batch import COORDINATES, CUDA_BLOCK, anisotropic_mask, rotate
+from .ragged import groups
 
 # Values of one tensor of a block: small enough for the caches, large enough that the fixed cost of
 # a backward pass does not matter.
@@ -29,7 +30,7 @@ def eval_with_jacobian(
     """Lobes and their slopes.
 
     Args:
-        model: `[J]` on the CPU.
+        model: `[J]`.
         coordinates: search coordinates `[J, COORDINATES]`.
         wi, wo: `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
 
@@ -42,9 +43,8 @@ def eval_with_jacobian(
     slope = coordinates.new_zeros(len(model), COORDINATES, *shape)
     budget = CUDA_BLOCK // LIVE_TENSORS if wi.is_cuda else CPU_SLOPES
     size = max(1, budget // max(1, shape.numel()))
-    for index in torch.unique(model).tolist():
-        for block in torch.nonzero(model == index).squeeze(-1).split(size):
-            rows = block.to(wi.device)
+    for index, of_model in groups(model, len(REGISTRY)):
+        for rows in of_model.split(size):
             rho[rows], slope[rows] = _block(index, coordinates[rows].detach(), wi, wo)
     return rho, slope
 

@@ -36,7 +36,7 @@ class PairRows:
     @classmethod
     def build(cls, model: Tensor, lobe: Tensor, query: Tensor) -> PairRows:
         """Rows of pairs `lobe [N]`, `query [N]` of lobes of `model [J]`."""
-        by_model = torch.argsort(model, stable=True).to(lobe.device)  # [J]
+        by_model = torch.argsort(model, stable=True)  # [J]
         rank = torch.empty_like(by_model)
         rank[by_model] = torch.arange(len(rank), device=rank.device)
         key = rank.index_select(0, lobe)  # [N]
@@ -65,9 +65,7 @@ class PairRows:
         """(model, rows) of blocks of one model that fit the cache; `model [J]` of the lobes."""
         budget = CUDA_BLOCK if self.lobe.is_cuda else CPU_BLOCK
         size = max(1, budget // self.query.shape[1])
-        models, counts = torch.unique_consecutive(
-            model.to(self.lobe.device)[self.lobe], return_counts=True
-        )
+        models, counts = torch.unique_consecutive(model[self.lobe], return_counts=True)
         start = 0
         for index, count in zip(models.tolist(), counts.tolist(), strict=True):
             for first in range(start, start + count, size):

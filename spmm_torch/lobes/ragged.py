@@ -1,6 +1,8 @@
-"""Stable order of small whole numbers: a counting sort where it pays."""
+"""Ragged lists in flat tensors: stable sorts of small keys, groups of equal keys, runs, ranges."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 import torch
@@ -20,6 +22,20 @@ def stable_order(key: Tensor, count: int) -> Tensor:
     if key.is_cuda or count > COUNTED:
         return torch.argsort(key, stable=True)
     return torch.from_numpy(np.argsort(key.numpy().astype(np.uint16), kind="stable"))
+
+
+def groups(key: Tensor, count: int) -> Iterator[tuple[int, Tensor]]:
+    """(value, its positions, ascending) of every value that `key [N]` holds, ascending.
+
+    The host waits for the device once.
+
+    Args:
+        key: whole numbers from 0 to count - 1.
+        count: how many values there are.
+    """
+    sizes = torch.bincount(key, minlength=count).tolist()
+    positions = stable_order(key, count).split(sizes)
+    return ((value, rows) for value, rows in enumerate(positions) if len(rows))
 
 
 def run_starts(*keys: Tensor) -> Tensor:

@@ -8,7 +8,6 @@ p(w) + p(mirrored w), which integrates to 1 over the upper hemisphere and is nev
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -20,6 +19,7 @@ from ..geometry.directions import frame_from_normal
 from ..geometry.warp import square_to_uniform_hemisphere
 from .batch import LobeBatch, rotate
 from .pairs import PairRows, gather
+from .ragged import groups
 
 # A lobe is specular if, along one axis at least, its half vector's slope is below this (radians):
 # wider ones vary so slowly that a cosine lobe does as well [WDR11 §5.1 leaves the value open].
@@ -38,29 +38,24 @@ class LobeTable:
     """J lobes, ready to be sampled by index.
 
     Attributes:
-        model: index into `MODEL_NAMES`, `[J]`, on the lobes' device.
-        present: the models that occur, ascending.
+        model: index into `MODEL_NAMES`, `[J]`.
         kappa: parameters `[J, MAX_PARAMETERS]`.
         frame: rotations from texel to lobe coordinates `[J, 3, 3]`.
     """
 
     model: Tensor
-    present: tuple[int, ...]
     kappa: Tensor
     frame: Tensor
 
     @classmethod
     def build(cls, lobes: LobeBatch) -> LobeTable:
         """The table of `lobes`, cut from any autograd graph."""
-        present = tuple(torch.unique(lobes.model).tolist())
         frame = frame_from_normal(lobes.normal.detach(), lobes.angle.detach())
-        kappa = lobes.kappa.detach()
-        return cls(lobes.model.to(kappa.device), present, kappa, frame)
+        return cls(lobes.model, lobes.kappa.detach(), frame)
 
     def to(self, device: torch.device | str) -> LobeTable:
         """The same table on another device."""
-        parts = (self.kappa.to(device), self.frame.to(device))
-        return LobeTable(self.model.to(device), self.present, *parts)
+        return LobeTable(self.model.to(device), self.kappa.to(device), self.frame.to(device))
 
     def sample(self, lobe: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """Directions wi `[N, 3]` of the upper hemisphere, drawn from one lobe each.
@@ -73,7 +68,7 @@ class LobeTable:
         frame = self.frame.to(wo.dtype).index_select(0, lobe)  # [N, 3, 3]
         local_wo = _raised((frame @ wo[..., None])[..., 0])
         local = torch.empty_like(local_wo)
-        for model, rows in self._by_model(lobe):
+        for model, rows in groups(self.model.index_select(0, lobe), len(REGISTRY)):
             kappa, view = self._kappa(lobe, rows).to(wo.dtype), local_wo.index_select(0, rows)
             local[rows] = REGISTRY[model].sample(kappa, view, u.index_select(0, rows))
         wi = (local[:, None] @ frame)[:, 0]
@@ -109,19 +104,6 @@ class LobeTable:
         """Parameters `[R, MAX_PARAMETERS]` of the entries at `rows [R]`."""
         return self.kappa.index_select(0, lobe.index_select(0, rows))
 
-    def _by_model(self, lobe: Tensor) -> Iterator[tuple[int, Tensor]]:
-        """(model, positions in `lobe` that have it) of every model that occurs."""
-        if len(self.present) == 1:
-            yield self.present[0], torch.arange(len(lobe), device=lobe.device)
-            return
-        present = torch.tensor(self.present, device=lobe.device)
-        match = self.model.index_select(0, lobe) == present[:, None]
-        counts = match.sum(dim=1).tolist()
-        parts = torch.nonzero(match)[:, 1].split(counts)
-        for model, count, rows in zip(self.present, counts, parts, strict=True):
-            if count:
-                yield model, rows
-
 
 def _density(model: int, kappa: Tensor, frame: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
     """`LobeTable.pdf` of rows: kappa `[G, 1, P]`, frame `[G, 3, 3]`, wi and wo `[G, S, 3]`."""
@@ -146,8 +128,7 @@ def _raised(w: Tensor) -> Tensor:
 def specular_mask(lobes: LobeBatch, width: float = SPECULAR_WIDTH) -> Tensor:
     """True `[J]` for the lobes of the specular group [WDR11 §5.1]: those narrower than `width`."""
     mask = torch.zeros(len(lobes), dtype=torch.bool, device=lobes.kappa.device)
-    for model in torch.unique(lobes.model).tolist():
-        rows = torch.nonzero(lobes.model == model).squeeze(-1).to(mask.device)
+    for model, rows in lobes.by_model():
         for column, row in enumerate(REGISTRY[model].parameters):
             if row.from_width is not None:
                 limit = row.from_width(width)
@@ -169,8 +150,8 @@ def lobe_intensity(lobes: LobeBatch, table: LobeTable, samples: int = INTENSITY_
     points = torch.quasirandom.SobolEngine(5).draw(samples).to(table.kappa) + 0.5 / samples
     wo, u = square_to_uniform_hemisphere(points[:, :2]), points[:, 2:]
     parts = []
-    for rows in torch.arange(len(lobes)).split(max(1, BLOCK // samples)):
-        lobe = rows.to(wo.device).repeat_interleave(samples)
+    for rows in torch.arange(len(lobes), device=wo.device).split(max(1, BLOCK // samples)):
+        lobe = rows.repeat_interleave(samples)
         view, choice = wo.repeat(len(rows), 1), u.repeat(len(rows), 1)
         wi = table.sample(lobe, view, choice)
         query = torch.arange(len(lobe), device=wi.device)

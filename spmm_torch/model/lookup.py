@@ -10,8 +10,26 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
+from ..lobes.batch import LobeBatch
+from ..lobes.pairs import eval_pairs
 from ..lobes.ragged import COUNTED, ranges, run_starts, stable_order
+
+
+@dataclass(frozen=True)
+class SparseWeights:
+    """Lobes and weights of every texel, without padding.
+
+    Attributes:
+        offset: where each texel's entries start, `[T + 1]` long.
+        index: lobe of each entry, `[N]` long.
+        weight: its weights, `[N, C]`.
+    """
+
+    offset: Tensor
+    index: Tensor
+    weight: Tensor
 
 
 @dataclass(frozen=True)
@@ -32,18 +50,15 @@ class TexelBlocks:
     weight: Tensor
 
     @classmethod
-    def build(
-        cls, texel: Tensor, counts: Tensor, offset: Tensor, index: Tensor, weight: Tensor
-    ) -> TexelBlocks:
+    def build(cls, texel: Tensor, counts: Tensor, weights: SparseWeights) -> TexelBlocks:
         """Merges the lobes of each block.
 
         Args:
             texel: the four texels of each block, `[B, 4]`.
             counts: whether a texel counts, `[B, 4]` bool; others are taken to have no lobes.
-            offset: where the entries of each texel of the texture start, `[T + 1]`.
-            index: lobe of each entry of the texture, `[N]`.
-            weight: of each entry of the texture, `[N, C]`.
+            weights: of the texture.
         """
+        offset, index, weight = weights.offset, weights.index, weights.weight
         flat = texel.flatten()
         start = offset[flat]
         length = (offset[flat + 1] - start) * counts.flatten()
@@ -59,6 +74,26 @@ class TexelBlocks:
         return cls(
             texel, count.cumsum(0) - count, count, lobe[new], total.view(-1, 4, weight.shape[1])
         )
+
+    def sums(
+        self, lobes: LobeBatch, block: Tensor, share: Tensor, wi: Tensor, wo: Tensor
+    ) -> Tensor:
+        """The sums over lobes of Q queries, `[Q, C]` [WDR11 Eq. 2].
+
+        Args:
+            lobes: the dictionary.
+            block: block of each query, `[Q]`.
+            share: bilinear weights of its four texels, `[Q, 4]`.
+            wi, wo: directions, `[Q, 3]`.
+        """
+        start, count = (x.index_select(0, block) for x in (self.start, self.count))
+        query, entry = ranges(start, count)  # [N]
+        rho = eval_pairs(lobes, self.lobe.index_select(0, entry), query, wi, wo)
+        table = self.weight.flatten(1)  # [M, 4 C]
+        first = count.cumsum(0) - count
+        rho = rho.to(table.dtype)
+        sums = embedding_bag(entry, table, first, mode="sum", per_sample_weights=rho)  # [Q, 4 C]
+        return (sums.unflatten(1, (4, -1)) * share[..., None]).sum(dim=1)  # Eq. (2)
 
 
 def blocks_met(texel: Tensor, texels: int) -> tuple[Tensor, Tensor]:

@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-import json
-from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import embedding_bag
 
 from ..brdf import MODEL_NAMES
 from ..errors import OutputError
 from ..geometry.directions import texel_at
 from ..lobes.batch import LobeBatch
-from ..lobes.pairs import eval_pairs
-from ..lobes.ragged import ranges, stable_order
+from ..lobes.ragged import stable_order
 from ..runtime import tensor_file
 from ..runtime.device import full_precision
-from . import sampling
-from .lookup import TexelBlocks, blocks_met
+from . import file, sampling
+from .lookup import SparseWeights, TexelBlocks, blocks_met
 from .residual import Residual
 
 # (query, lobe) entries that are evaluated at once: some MB, which stay in the caches of a CPU.
 BLOCK_ENTRIES = 1 << 18
-
-
-@dataclass(frozen=True)
-class SparseWeights:
-    """Lobes and weights of every texel, without padding.
-
-    Attributes:
-        offset: where each texel's entries start, `[T + 1]` long.
-        index: lobe of each entry, `[N]` long.
-        weight: its weights, `[N, C]`.
-    """
-
-    offset: Tensor
-    index: Tensor
-    weight: Tensor
 
 
 class SPMM(nn.Module):
@@ -72,11 +52,11 @@ class SPMM(nn.Module):
     ) -> None:
         super().__init__()
         self.height, self.width, self.name = height, width, name
-        self.lobe_model = lobes.model
         self.kappa = nn.Parameter(lobes.kappa)
         self.normal = nn.Parameter(lobes.normal)
         self.angle = nn.Parameter(lobes.angle)
         self.weight = nn.Parameter(weights.weight)
+        self.register_buffer("lobe_model", lobes.model, persistent=False)
         self.register_buffer("offset", weights.offset)
         self.register_buffer("index", weights.index)
         self.register_buffer("labels", labels)
@@ -107,49 +87,19 @@ class SPMM(nn.Module):
 
     def to_tensors(self) -> tuple[dict[str, Tensor], dict[str, str]]:
         """Everything that a reader needs, in compact types: (tensors, metadata)."""
-        tensors = {
-            "weights.count": tensor_file.narrow(self.lobe_count_per_texel()),
-            "weights.index": tensor_file.narrow(self.index),
-            "weights.weight": self.weight,
-            "weights.label": tensor_file.narrow(self.labels),
-            "dictionary.model": tensor_file.narrow(self.lobe_model),
-            "dictionary.kappa": self.kappa,
-            "dictionary.normal": self.normal,
-            "dictionary.angle": self.angle,
-            "residual.code": self.residual.code,
-            "residual.scale": self.residual.scale,
-            "directions.light": self.light,
-            "directions.view": self.view,
-        }
-        size = {"height": str(self.height), "width": str(self.width)}
-        return tensors, {"name": self.name, "models": json.dumps(MODEL_NAMES), **size}
+        size = (self.height, self.width)
+        measured = (self.labels, self.residual, self.light, self.view, self.name)
+        parts = file.ModelParts(*size, self.dictionary, self.sparse_weights, *measured)
+        return file.to_tensors(parts)
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor], metadata: dict[str, str]) -> SPMM:
         """The model of `to_tensors`; BRDFs are found by their names."""
-        names = json.loads(metadata["models"])
-        place = torch.tensor([MODEL_NAMES.index(name) for name in names])
-        lobes = LobeBatch(
-            place[tensors["dictionary.model"].cpu().long()],
-            *(tensors[f"dictionary.{part}"] for part in ("kappa", "normal", "angle")),
-        )
-        count = tensors["weights.count"].long()
-        offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
-        weights = SparseWeights(offset, tensors["weights.index"].long(), tensors["weights.weight"])
-        light, view = tensors["directions.light"], tensors["directions.view"]
-        residual = Residual(tensors["residual.code"], tensors["residual.scale"], light, view)
-        height, width = int(metadata["height"]), int(metadata["width"])
-        labels = tensors["weights.label"].long()
-        return cls(height, width, lobes, weights, labels, residual, light, view, metadata["name"])
+        return cls(**vars(file.from_tensors(tensors, metadata)))
 
     def byte_counts(self) -> dict[str, int]:
         """Stored bytes of weights, dictionary and residual, and of the whole file."""
-        counts = dict.fromkeys(("weights", "dictionary", "residual"), 0)
-        for name, tensor in self.to_tensors()[0].items():
-            part = name.partition(".")[0]
-            if part in counts:
-                counts[part] += tensor.numel() * tensor.element_size()
-        return {**counts, "total": len(self.pack())}
+        return {**file.byte_counts(self.to_tensors()[0]), "total": len(self.pack())}
 
     @property
     def dictionary(self) -> LobeBatch:
@@ -196,7 +146,8 @@ class SPMM(nn.Module):
         if not share.requires_grad:  # the slope along uv needs neighbours of no share too
             counts = share.new_zeros(corners.shape).index_add(0, block, share) > 0.0
         weight = self.weight.to(torch.promote_types(self.weight.dtype, wi.dtype))
-        blocks = TexelBlocks.build(corners, counts, self.offset, self.index, weight)
+        entries = SparseWeights(self.offset, self.index, weight)
+        blocks = TexelBlocks.build(corners, counts, entries)
         total = max(1, int(blocks.count[block].sum()))
         size = max(1, len(texel) * BLOCK_ENTRIES // total)
         # Block by block, so that neighbours in memory read the same entries.
@@ -266,15 +217,7 @@ class SPMM(nn.Module):
         residual: bool,
     ) -> Tensor:
         """`forward` of Q queries: block `[Q]`, share `[Q, 4]`, wi and wo `[Q, 3]`."""
-        start, count = (x.index_select(0, block) for x in (blocks.start, blocks.count))
-        query, entry = ranges(start, count)  # [N]
-        lobe = blocks.lobe.index_select(0, entry)
-        rho = eval_pairs(self.dictionary, lobe, query, wi, wo)
-        table = blocks.weight.flatten(1)  # [M, 4 C]
-        first = count.cumsum(0) - count
-        rho = rho.to(table.dtype)
-        sums = embedding_bag(entry, table, first, mode="sum", per_sample_weights=rho)  # [Q, 4 C]
-        total = (sums.unflatten(1, (4, -1)) * share[..., None]).sum(dim=1)  # Eq. (2)
+        total = blocks.sums(self.dictionary, block, share, wi, wo)
         if residual:
             cluster = self.labels[blocks.texel[block]]
             total = total + self.residual.blend(cluster, share, wi, wo)
@@ -299,5 +242,6 @@ class SPMM(nn.Module):
 
     def lobe_use_by_model(self) -> dict[str, int]:
         """How many (texel, lobe) entries use each BRDF that is in use, most used first."""
-        counts = Counter(self.lobe_model[self.index.cpu()].tolist())
-        return {MODEL_NAMES[model]: count for model, count in counts.most_common()}
+        uses = torch.bincount(self.lobe_model[self.index], minlength=len(MODEL_NAMES)).tolist()
+        ordered = sorted(zip(MODEL_NAMES, uses, strict=True), key=lambda use: -use[1])
+        return {name: count for name, count in ordered if count}

@@ -7,7 +7,7 @@ import torch
 
 from spmm_torch.geometry.directions import texel_at
 from spmm_torch.model import lookup
-from spmm_torch.model.lookup import TexelBlocks, blocks_met
+from spmm_torch.model.lookup import SparseWeights, TexelBlocks, blocks_met
 
 HEIGHT, WIDTH, LOBES = 3, 4, 9
 COUNTS = (0, 1, 8, 2, 3, 0, 1, 2, 4, 1, 1, 0)
@@ -37,7 +37,9 @@ def test_blocks_hold_the_weights_of_their_texels(
     texel, _ = texel_at(uv, HEIGHT, WIDTH)
     block, corners = blocks_met(texel, HEIGHT * WIDTH)
     assert torch.equal(corners[block], texel)
-    blocks = TexelBlocks.build(corners, torch.ones_like(corners, dtype=torch.bool), *texture())
+    blocks = TexelBlocks.build(
+        corners, torch.ones_like(corners, dtype=torch.bool), SparseWeights(*texture())
+    )
     assert int(blocks.count.sum()) == len(blocks.lobe) == len(blocks.weight)
     for number, four in enumerate(corners.tolist()):
         entries = slice(int(blocks.start[number]), int(blocks.start[number] + blocks.count[number]))
@@ -51,7 +53,7 @@ def test_blocks_hold_the_weights_of_their_texels(
 def test_texels_that_do_not_count_bring_no_lobes() -> None:
     corners = torch.tensor([[1, 2, 3, 4], [2, 2, 2, 2]])
     counts = torch.tensor([[True, False, False, False], [False] * 4])
-    blocks = TexelBlocks.build(corners, counts, *texture())
+    blocks = TexelBlocks.build(corners, counts, SparseWeights(*texture()))
     assert blocks.count.tolist() == [COUNTS[1], 0]
     assert bool((blocks.weight[:, 1:] == 0.0).all())
 
@@ -60,6 +62,6 @@ def test_a_lobe_listed_twice_adds_up() -> None:
     offset, index, weight = torch.tensor([0, 2]), torch.tensor([5, 5]), torch.rand(2, 3)
     corners = torch.zeros(1, 4, dtype=torch.long)
     counts = torch.tensor([[True, False, False, False]])
-    blocks = TexelBlocks.build(corners, counts, offset, index, weight)
+    blocks = TexelBlocks.build(corners, counts, SparseWeights(offset, index, weight))
     assert blocks.lobe.tolist() == [5]
     torch.testing.assert_close(blocks.weight[0, 0], weight.sum(0))

@@ -1,0 +1,106 @@
+"""The content of a model file: named tensors in compact types, and what they make again.
+
+`docs/model_format.md` describes it for readers in other languages.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..brdf import MODEL_NAMES
+from ..lobes.batch import LobeBatch
+from ..runtime import tensor_file
+from .lookup import SparseWeights
+from .residual import Residual
+
+Tensors = dict[str, Tensor]
+PARTS = ("weights", "dictionary", "residual")
+
+
+@dataclass(frozen=True)
+class ModelParts:
+    """All that a model is made of.
+
+    Attributes:
+        height, width: of the texture.
+        lobes: the dictionary, J lobes.
+        weights: entries of all texels.
+        labels: cluster of each texel, `[T]`.
+        residual: epsilon of each cluster.
+        light, view: measured directions, `[L, 3]` and `[V, 3]`.
+        name: of the material.
+    """
+
+    height: int
+    width: int
+    lobes: LobeBatch
+    weights: SparseWeights
+    labels: Tensor
+    residual: Residual
+    light: Tensor
+    view: Tensor
+    name: str
+
+
+def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
+    """The tensors and the metadata of a model file."""
+    offset, lobes = parts.weights.offset, parts.lobes
+    tensors = {
+        "weights.count": tensor_file.narrow(offset[1:] - offset[:-1]),
+        "weights.index": tensor_file.narrow(parts.weights.index),
+        "weights.weight": parts.weights.weight,
+        "weights.label": tensor_file.narrow(parts.labels),
+        "dictionary.model": tensor_file.narrow(lobes.model),
+        "dictionary.kappa": lobes.kappa,
+        "dictionary.normal": lobes.normal,
+        "dictionary.angle": lobes.angle,
+        "residual.code": parts.residual.code,
+        "residual.scale": parts.residual.scale,
+        "directions.light": parts.light,
+        "directions.view": parts.view,
+    }
+    size = {"height": str(parts.height), "width": str(parts.width)}
+    return tensors, {"name": parts.name, "models": json.dumps(MODEL_NAMES), **size}
+
+
+def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
+    """The parts that `to_tensors` was given; BRDFs are found by their names.
+
+    Raises:
+        KeyError: a tensor or a key of the metadata is missing.
+        ValueError: a BRDF that this program does not know, or a number that is none.
+    """
+    names = json.loads(metadata["models"])
+    stored = tensors["dictionary.model"].long()
+    number = torch.tensor([MODEL_NAMES.index(name) for name in names], device=stored.device)
+    lobes = LobeBatch(
+        number[stored], *(tensors[f"dictionary.{part}"] for part in ("kappa", "normal", "angle"))
+    )
+    count = tensors["weights.count"].long()
+    offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
+    light, view = tensors["directions.light"], tensors["directions.view"]
+    return ModelParts(
+        int(metadata["height"]),
+        int(metadata["width"]),
+        lobes,
+        SparseWeights(offset, tensors["weights.index"].long(), tensors["weights.weight"]),
+        tensors["weights.label"].long(),
+        Residual(tensors["residual.code"], tensors["residual.scale"], light, view),
+        light,
+        view,
+        metadata["name"],
+    )
+
+
+def byte_counts(tensors: Tensors) -> dict[str, int]:
+    """Stored bytes of weights, dictionary and residual."""
+    counts = dict.fromkeys(PARTS, 0)
+    for name, tensor in tensors.items():
+        part = name.partition(".")[0]
+        if part in counts:
+            counts[part] += tensor.numel() * tensor.element_size()
+    return counts
