@@ -26,7 +26,7 @@ from spmm_torch.runs.folder import (
     remove_leftovers,
     write_run,
 )
-from spmm_torch.runtime.context import Resources
+from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.device import local_device, resolve_device
 from spmm_torch.runtime.memory import parse_size
 from spmm_torch.runtime.progress import Progress
@@ -140,11 +140,18 @@ def run_fit(options: argparse.Namespace) -> Path:
         joined_ranks(resolve_device(config.device)) as ranks,
         new_run(options.output, depends_on, options.resume, ranks) as folder,
     ):
-        progress = Progress(log=folder / LOG if ranks.is_first else None, enabled=ranks.is_first)
-        resources = Resources(memory, cache, folder / STATE, ranks)
-        result = fit(btf, config, progress, resources, not options.no_render, weights)
+        context = Context.build(
+            config.device,
+            config.seed,
+            memory=memory,
+            progress=Progress(log=folder / LOG if ranks.is_first else None, enabled=ranks.is_first),
+            ranks=ranks,
+            state=folder / STATE,
+            cache=cache,
+        )
+        result = fit(btf, config, context, weights=weights, render=not options.no_render)
         if ranks.is_first:
             sections = [] if result.likeness is None else [sphere_section(result.likeness)]
-            write_run(folder, result.model, result.report, config, btf, sections)
-            progress.say(headline(result.report))
+            write_run(folder, result.model, result.figures, config, btf, sections)
+            context.progress.say(headline(result.figures))
     return Path(options.output)

@@ -16,7 +16,7 @@ import torch
 from ..config.fit import FitConfig
 from ..data import BTF
 from ..fit.pipeline import FitResult, fit, with_lobe_limit
-from ..runtime.context import Resources
+from ..runtime.context import Context
 from .protocol import Timing, forget_peak, stage_medians
 from .scope import Bench
 
@@ -62,9 +62,9 @@ class TimedFit:
         }
 
 
-def plain_fit(btf: BTF, config: FitConfig, resources: Resources | None = None) -> FitResult:
+def plain_fit(btf: BTF, config: FitConfig, context: Context | None = None) -> FitResult:
     """A fit with nothing behind it: what every part of a benchmark times."""
-    return fit(btf, config, resources=resources, render=False)
+    return fit(btf, config, context, render=False)
 
 
 def timed_fit(bench: Bench, config: FitConfig) -> TimedFit:
@@ -104,7 +104,9 @@ class SharedStages:
         for path in self._files(self.kept.get(key)):
             shutil.copy2(path, state / path.name)
         known = forget_peak(bench.device)
-        result = plain_fit(bench.open(), config, Resources(state=state))
+        result = plain_fit(
+            bench.open(), config, Context.build(config.device, config.seed, state=state)
+        )
         if key not in self.kept:
             self.kept[key] = self.folder / str(len(self.kept))
             self.kept[key].mkdir()

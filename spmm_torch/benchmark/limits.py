@@ -19,7 +19,7 @@ from ..data.picture_set import PictureSet, accepts
 from ..data.pictures import open_archive
 from ..fit.cluster import OVERSAMPLING
 from ..fit.pipeline import FitResult
-from ..runtime.context import Resources
+from ..runtime.context import Context
 from ..runtime.memory import slices
 from .counting import CountingStopwatch, Work
 from .fits import TimedFit, on_device, plain_fit
@@ -141,7 +141,7 @@ def counted(bench: Bench) -> dict[str, Work]:
     """The work of each stage of the default fit, as it runs."""
     watch = CountingStopwatch(bench.device)
     config = on_device(shipped(DEFAULT, bench.scope.overrides), bench.device)
-    plain_fit(bench.open(), config, Resources(watch=watch))
+    plain_fit(bench.open(), config, Context.build(config.device, config.seed, watch=watch))
     return dict(watch.work)
 
 

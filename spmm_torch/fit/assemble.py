@@ -49,11 +49,3 @@ def _entries(clusters: Clusters, fits: list[ClusterFit]) -> SparseWeights:
     count = torch.bincount(texel, minlength=len(clusters.labels))
     offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
     return SparseWeights(offset, torch.cat(index)[order], torch.cat(weight)[order])
-
-
-def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None:
-    """One sentence where the texels did not allow as many clusters as were asked for."""
-    if count == asked:
-        return None
-    cause = f"only {texels} texels" if texels < asked else "too few distinct texels"
-    return f"warning: cluster.count lowered from {asked} to {count}, there are {cause}"

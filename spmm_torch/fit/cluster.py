@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from ..config.fit import ClusterConfig, SampleConfig
-from ..data import BTF
 from ..data.blocks import block_texels
-from ..data.error_weights import UNIFORM, Weights
+from ..data.error_weights import Weights
 from ..runtime.memory import slices
-from ..runtime.ranks import ALONE, Ranks
+from ..runtime.progress import Advance
 from ..solvers.kmeans import kmeans
+from .problem import Problem
 
 # Columns that the randomized sketch carries beyond the components asked for [HMT11, §4.2].
 OVERSAMPLING = 8
 # Share of a texel's norm that the float32 sums behind its coordinates may be off by, generously:
 # equal texels then stay equal whatever block they were in.
 COORDINATE_ROUNDING = 1e-5
-
-Advance = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -55,21 +51,70 @@ class Clusters:
         return cls.of_labels(tensors["points"], tensors["labels"])
 
 
-def principal_points(
-    btf: BTF,
-    components: int,
-    generator: torch.Generator,
-    device: torch.device,
-    advance: Advance,
-    ranks: Ranks = ALONE,
-    weights: Weights = UNIFORM,
-) -> Tensor:
+@dataclass(frozen=True)
+class Samples:
+    """Texels on which lobes are searched.
+
+    Attributes:
+        texels: `[S]`.
+        clusters: cluster of each, `[S]`.
+    """
+
+    texels: Tensor
+    clusters: Tensor
+
+    def __len__(self) -> int:
+        return len(self.texels)
+
+
+def cluster_texels(problem: Problem) -> Clusters:
+    """k-means of all texels [WDR11 §4.1]; fewer clusters where fewer texels are distinct."""
+    context, asked = problem.context, problem.config.cluster.count
+    count = problem.btf.texel_count
+    clusters = context.stage(
+        "cluster", Clusters, lambda advance: _clusters(problem, advance), 2 * count, "texels"
+    )
+    if warning := warning_of_fewer_clusters(len(clusters.members), asked, count):
+        context.progress.say(warning)
+    return clusters
+
+
+def _clusters(problem: Problem, advance: Advance) -> Clusters:
+    btf, config, context = problem.btf, problem.config.cluster, problem.context
+    generator = context.generator("cluster")
+    points = principal_points(problem, generator, advance)
+    labels = context.ranks.first(
+        lambda: (
+            kmeans(
+                points,
+                min(config.count, btf.texel_count),
+                generator,
+                iterations=config.iterations,
+                resolution=COORDINATE_ROUNDING * points.norm(dim=1),
+                weights=problem.weights.of_texels(slice(None)),
+            ).labels
+        )
+    )
+    return Clusters.of_labels(points, labels)
+
+
+def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None:
+    """One sentence where the texels did not allow as many clusters as were asked for."""
+    if count == asked:
+        return None
+    cause = f"only {texels} texels" if texels < asked else "too few distinct texels"
+    return f"warning: cluster.count lowered from {asked} to {count}, there are {cause}"
+
+
+def principal_points(problem: Problem, generator: torch.Generator, advance: Advance) -> Tensor:
     """Coordinates `[T, P]` of the texels on their leading right singular vectors.
 
     A randomized range finder with one power iteration [Halko, Martinsson, Tropp 2011, Alg. 4.4]:
     distances between texels are kept but for what the components leave out, and k-means never
     touches vectors of D * C values. Calls `advance(texels)` along the way, 2 T in all.
     """
+    btf, ranks, device = problem.btf, problem.context.ranks, problem.device
+    components = problem.config.cluster.components
     width = btf.pair_count * btf.channels
     rank = min(components + OVERSAMPLING, btf.texel_count, width)
     probe = torch.randn(btf.pair_count, btf.channels, rank, generator=generator)
@@ -79,17 +124,17 @@ def principal_points(
     # In float64, so that the order of the blocks does not show.
     back = torch.zeros(width, rank, dtype=torch.float64, device=device)
     for block in mine:  # Y^T (Y probe), without keeping Y
-        values = _weighted(weights, weights.signals(btf, block, device).flatten(1), block)
+        values = _weighted(problem.weights, problem.signals(block).flatten(1), block)
         back += values.T @ (values @ probe)
         advance(ranks.size * len(values))
     basis = torch.linalg.qr(ranks.sum(back).float()).Q  # [D C, rank], the right singular space
     points = torch.zeros(btf.texel_count, rank)
     for block in mine:
-        values = weights.signals(btf, block, device).flatten(1)
+        values = problem.signals(block).flatten(1)
         points[block] = (values @ basis).cpu()
         advance(ranks.size * len(values))
     points = ranks.sum(points)  # each row is zero on all ranks but one
-    spread = _weighted(weights, points, slice(None))
+    spread = _weighted(problem.weights, points, slice(None))
     rotation = torch.linalg.svd(spread, full_matrices=False).Vh.T
     return (points @ rotation)[:, :components]
 
@@ -100,48 +145,12 @@ def _weighted(weights: Weights, rows: Tensor, texels: slice) -> Tensor:
     return rows if of_texels is None else rows * of_texels.sqrt()[:, None]
 
 
-def cluster_texels(
-    btf: BTF,
-    config: ClusterConfig,
-    generator: torch.Generator,
-    device: torch.device,
-    advance: Advance,
-    ranks: Ranks = ALONE,
-    weights: Weights = UNIFORM,
-) -> Clusters:
-    """k-means of all texels; fewer clusters where there are fewer distinct texels."""
-    points = principal_points(btf, config.components, generator, device, advance, ranks, weights)
-    count = min(config.count, btf.texel_count)
-    own = weights.of_texels(slice(None))
-    labels = ranks.first(
-        lambda: (
-            kmeans(
-                points,
-                count,
-                generator,
-                iterations=config.iterations,
-                resolution=COORDINATE_ROUNDING * points.norm(dim=1),
-                weights=own,
-            ).labels
-        )
-    )
-    return Clusters.of_labels(points, labels)
-
-
-def sample_texels(
-    clusters: Clusters,
-    config: SampleConfig,
-    generator: torch.Generator,
-    weights: Weights = UNIFORM,
-) -> tuple[Tensor, Tensor]:
-    """One random texel of each sub-cluster of each cluster, by weight.
-
-    Returns:
-        (texel index `[S]`, its cluster `[S]`).
-    """
+def sample_texels(problem: Problem, clusters: Clusters) -> Samples:
+    """One random texel of each sub-cluster of each cluster, drawn by weight [WDR11 §4.1]."""
+    weights, generator = problem.weights, problem.context.generator("sample")
     texels, owners = [], []
     for cluster, members in enumerate(clusters.members):
-        count = min(config.per_cluster, len(members))
+        count = min(problem.config.sample.per_cluster, len(members))
         points, own = clusters.points[members], weights.of_texels(members)
         resolution = COORDINATE_ROUNDING * points.norm(dim=1)
         labels = kmeans(points, count, generator, resolution=resolution, weights=own).labels
@@ -149,7 +158,7 @@ def sample_texels(
             inside = members[labels == stratum]
             texels.append(inside[_drawn(inside, weights, generator)])
             owners.append(cluster)
-    return torch.stack(texels), torch.tensor(owners)
+    return Samples(torch.stack(texels), torch.tensor(owners))
 
 
 def _drawn(texels: Tensor, weights: Weights, generator: torch.Generator) -> int:

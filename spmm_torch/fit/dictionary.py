@@ -10,6 +10,7 @@ from torch import Tensor
 from ..config.fit import DictionaryConfig
 from ..lobes.batch import LobeBatch
 from ..lobes.grid import DirectionGrid, distinct
+from .problem import Problem
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,13 @@ class Dictionary:
     raw: Tensor
 
 
-def build_dictionary(
+def build_dictionary(problem: Problem, found: FoundLobes, cluster_count: int) -> Dictionary:
+    """The dictionary of all clusters."""
+    with problem.context.watch("dictionary"):
+        return merge_lobes(found, cluster_count, problem.grid(), problem.config.dictionary)
+
+
+def merge_lobes(
     found: FoundLobes, cluster_count: int, grid: DirectionGrid, config: DictionaryConfig
 ) -> Dictionary:
     """Merges lobes whose correlation is above `config.merge`; that of the better fit stays."""

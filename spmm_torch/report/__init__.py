@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .contract import REPORT_KEYS, check_report, write_report
+from .contract import REPORT_KEYS, Report, check_report, write_report
 from .page import write_html
 
-__all__ = ["REPORT_KEYS", "check_report", "write_html", "write_report"]
+__all__ = ["REPORT_KEYS", "Report", "check_report", "write_html", "write_report"]

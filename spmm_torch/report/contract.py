@@ -1,54 +1,172 @@
-"""`report.json`: its keys, and how it is written."""
+"""`report.json`: one frozen dataclass, and how it is written and read.
+
+Figures that are not known, as the errors of an edited model, are None: null in the file.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, get_type_hints
 
+FILE_NAME = "report.json"
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Stored bytes of the parts of a model, and of the whole file."""
+
+    weights: int
+    dictionary: int
+    residual: int
+    total: int
+
+
+@dataclass(frozen=True)
+class PSNR:
+    """Peak signal-to-noise ratios in dB."""
+
+    without_residual: float | None = None
+    with_residual: float | None = None
+
+
+@dataclass(frozen=True)
+class SNR:
+    """Signal-to-noise ratios in dB; `cluster_mean`: of the bare mean of each cluster."""
+
+    without_residual: float | None = None
+    with_residual: float | None = None
+    cluster_mean: float | None = None
+
+
+@dataclass(frozen=True)
+class MSSIM:
+    """Mean structural similarity of sphere pictures, 0 to 1, by channel and over all."""
+
+    y: float | None = None
+    cr: float | None = None
+    cb: float | None = None
+    mean: float | None = None
+
+
+@dataclass(frozen=True)
+class FailedStarts:
+    """Starts of the search, and how many of them failed, and how."""
+
+    starts: int | None = None
+    count: int | None = None
+    not_finite: int | None = None
+    no_descent: int | None = None
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """SNR in dB of lobes alone over some texels, and the same without each model."""
+
+    texels: int | None = None
+    snr_db: float | None = None
+    snr_db_without: dict[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class Seconds:
+    """Seconds by stage."""
+
+    load: float | None = None
+    cluster: float | None = None
+    search: float | None = None
+    dictionary: float | None = None
+    select: float | None = None
+    refit: float | None = None
+    residual: float | None = None
+    evaluate: float | None = None
+    total: float | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """Every figure of a run, in the order of the file.
+
+    Attributes:
+        input: path of the BTF, or its name.
+        texels, direction_pairs, channels: of the input; pairs without a picture do not count.
+        clusters: K.
+        total_basis: lobes of the dictionary, J.
+        mean_basis_per_texel: lobes of a texel.
+        bytes: of the model.
+        raw_bytes: of the input at its own bit depth.
+        compression_ratio: raw bytes over those of the model.
+        psnr_peak: the value that counts as peak.
+        psnr_db, snr_db: over all texels, measured pairs and channels.
+        weighted_snr_db: by the weights of the fit; None where all values count alike.
+        mssim: of the sphere pictures.
+        lobes_by_model: entries of texels by BRDF, the most used one first.
+        failed_starts: of the search.
+        error_without_model: what each BRDF is worth.
+        auto: what was found to pay; None without `--auto`.
+        seconds: by stage.
+        peak_memory_bytes: of the process on a CPU, of torch's allocations on a GPU.
+        device: in words.
+        seed: of every random choice.
+        versions: by package.
+    """
+
+    input: str
+    texels: int
+    direction_pairs: int
+    channels: int
+    clusters: int
+    total_basis: int
+    mean_basis_per_texel: float
+    bytes: Sizes
+    raw_bytes: int
+    compression_ratio: float
+    psnr_peak: float
+    psnr_db: PSNR
+    snr_db: SNR
+    weighted_snr_db: dict[str, float] | None
+    mssim: MSSIM
+    lobes_by_model: dict[str, int]
+    failed_starts: FailedStarts
+    error_without_model: Ablation
+    auto: dict[str, Any] | None
+    seconds: Seconds
+    peak_memory_bytes: int
+    device: str
+    seed: int
+    versions: dict[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The keys of `report.json` with their values, in order."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The report of `to_dict`.
+
+        Raises:
+            ValueError: keys are missing or unknown; the text names all of them.
+        """
+        check_report(values)
+        groups = {key: kind(**values[key]) for key, kind in GROUPS.items()}
+        return cls(**{**values, **groups})
+
+
+def _groups() -> dict[str, type]:
+    """The fields of a report that have keys of their own, and their classes."""
+    hints = get_type_hints(Report)
+    return {key: kind for key, kind in hints.items() if hasattr(kind, "__dataclass_fields__")}
+
+
+GROUPS = _groups()
 # Every key in its order, with the keys below it; () if the value has none, or free ones.
 REPORT_KEYS: dict[str, tuple[str, ...]] = {
-    "input": (),
-    "texels": (),
-    "direction_pairs": (),
-    "channels": (),
-    "clusters": (),
-    "total_basis": (),
-    "mean_basis_per_texel": (),
-    "bytes": ("weights", "dictionary", "residual", "total"),
-    "raw_bytes": (),
-    "compression_ratio": (),
-    "psnr_peak": (),
-    "psnr_db": ("without_residual", "with_residual"),
-    "snr_db": ("without_residual", "with_residual", "cluster_mean"),
-    # By the weights of the fit; null where all values count alike.
-    "weighted_snr_db": (),
-    "mssim": ("y", "cr", "cb", "mean"),
-    "lobes_by_model": (),
-    "failed_starts": ("starts", "count", "not_finite", "no_descent"),
-    # Of some texels: signal-to-noise ratio of lobes alone, and that without each model.
-    "error_without_model": ("texels", "snr_db", "snr_db_without"),
-    # What was found to pay; null without --auto.
-    "auto": (),
-    "seconds": (
-        "load",
-        "cluster",
-        "search",
-        "dictionary",
-        "select",
-        "refit",
-        "residual",
-        "evaluate",
-        "total",
-    ),
-    "peak_memory_bytes": (),
-    "device": (),
-    "seed": (),
-    "versions": (),
+    each.name: tuple(part.name for part in fields(GROUPS[each.name])) if each.name in GROUPS else ()
+    for each in fields(Report)
 }
-FILE_NAME = "report.json"
 
 
 def check_report(report: Mapping[str, Any]) -> None:
@@ -72,21 +190,13 @@ def check_report(report: Mapping[str, Any]) -> None:
         raise ValueError("report keys " + "; ".join(complaints))
 
 
-def write_report(folder: Path, report: Mapping[str, Any]) -> Path:
-    """Write `report.json` into `folder`, keys in the order of `REPORT_KEYS`, and return its path.
+def write_report(folder: Path, report: Report) -> Path:
+    """Write `report.json` into `folder` and return its path.
 
     JSON knows neither NaN nor infinity: both become null.
-
-    Raises:
-        ValueError: keys are missing or unknown.
     """
-    check_report(report)
-    ordered = {
-        key: {name: report[key][name] for name in below} if below else report[key]
-        for key, below in REPORT_KEYS.items()
-    }
     path = folder / FILE_NAME
-    path.write_text(json_text(ordered), encoding="utf-8")
+    path.write_text(json_text(report.to_dict()), encoding="utf-8")
     return path
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from ..model.spmm import SPMM
 from ..render.display import auto_exposure, display_codes
 from . import wording
+from .contract import MSSIM, PSNR, SNR, Report, Seconds, Sizes
 from .maps import maps_section
 from .markup import Markup, definitions, figure, join, picture, tag
 from .pairs import Pair, angles, choose_pairs
@@ -18,16 +18,14 @@ from .pictures import png_uri
 from .slices import SHOWN_WIDTH
 from .style import STYLE
 
-# What is known of a fit only, and holds no more once its model was edited.
-OF_THE_FIT = ("psnr_db", "snr_db", "mssim", "seconds")
 NOTE = (
     "This model was edited after its fit. It is no longer meant to match the measured material, so "
     "no errors are given: those of the fit are in the report of the run that it was made from."
 )
 
 
-def edited_report(report: Mapping[str, Any], model: SPMM) -> dict[str, Any]:
-    """The figures of an edited model, with the keys of the report of its fit.
+def edited_report(report: Report, model: SPMM) -> Report:
+    """The figures of an edited model.
 
     Sizes and counts are those of the edited model. Errors and times are null, as they were those
     of the fit.
@@ -36,18 +34,20 @@ def edited_report(report: Mapping[str, Any], model: SPMM) -> dict[str, Any]:
         report: of the run that was edited.
         model: the edited model.
     """
-    sizes = model.byte_counts()
-    unknown = {key: dict.fromkeys(report[key]) for key in OF_THE_FIT if key in report}
-    return {
-        **report,
-        **unknown,
-        "clusters": model.cluster_count,
-        "total_basis": len(model.lobe_model),
-        "mean_basis_per_texel": len(model.index) / model.texel_count,
-        "bytes": sizes,
-        "compression_ratio": report["raw_bytes"] / sizes["total"],
-        "lobes_by_model": model.lobe_use_by_model(),
-    }
+    sizes = Sizes(**model.byte_counts())
+    return replace(
+        report,
+        psnr_db=PSNR(),
+        snr_db=SNR(),
+        mssim=MSSIM(),
+        seconds=Seconds(),
+        clusters=model.cluster_count,
+        total_basis=len(model.lobe_model),
+        mean_basis_per_texel=len(model.index) / model.texel_count,
+        bytes=sizes,
+        compression_ratio=report.raw_bytes / sizes.total,
+        lobes_by_model=model.lobe_use_by_model(),
+    )
 
 
 def write_edited_html(path: Path, before: SPMM, after: SPMM, script: str) -> None:

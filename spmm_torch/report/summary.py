@@ -1,8 +1,9 @@
-"""The figures of a fit, with the keys of `report.json`."""
+"""The report of a fit, made of what its stages found."""
 
 from __future__ import annotations
 
 import platform
+from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -14,96 +15,94 @@ from torch import Tensor
 from ..data import BTF
 from ..metrics import Totals, psnr_db
 from ..model.spmm import SPMM
+from ..runtime.context import Context
 from ..runtime.memory import peak_resident_memory
-
-STAGES = ("load", "cluster", "search", "dictionary", "select", "refit", "residual", "evaluate")
+from .contract import MSSIM, PSNR, SNR, Ablation, FailedStarts, Report, Seconds, Sizes
 
 
 def summarize(
     btf: BTF,
     model: SPMM,
+    context: Context,
+    *,
     totals: Totals,
-    seconds: dict[str, float],
-    seed: int,
-    device: torch.device,
+    weighted: Totals | None,
     starts: Tensor,
-) -> dict[str, Any]:
-    """All figures of a fit; `mssim` is null, for whoever renders to fill in.
+    ablation: Ablation,
+    auto: dict[str, Any] | None,
+    mssim: dict[str, float] | None,
+) -> Report:
+    """All figures of a fit.
 
     Args:
         btf: the input.
         model: the fitted model.
+        context: of the run.
         totals: squared errors over the whole input.
-        seconds: by stage, and `total`.
-        seed: of the fit.
-        device: on which it ran.
+        weighted: the same by weight; None where all values count alike.
         starts: of the search, see `FoundLobes.starts`.
+        ablation: what each BRDF is worth.
+        auto: what was found to pay.
+        mssim: of the sphere pictures; None where they were not asked for.
     """
     count = btf.texel_count * btf.measured_count * btf.channels
     peak = btf.peak()
-    sizes = model.byte_counts()
-    errors = {
-        "without_residual": totals.without_residual,
-        "with_residual": totals.with_residual,
-    }
-    return {
-        "input": btf.path or btf.name,
-        "texels": btf.texel_count,
-        "direction_pairs": btf.measured_count,
-        "channels": btf.channels,
-        "clusters": model.cluster_count,
-        "total_basis": len(model.dictionary),
-        "mean_basis_per_texel": len(model.index) / btf.texel_count,
-        "bytes": sizes,
-        "raw_bytes": btf.raw_bytes,
-        "compression_ratio": btf.raw_bytes / sizes["total"],
-        "psnr_peak": peak,
-        "psnr_db": {name: psnr_db(peak, error, count) for name, error in errors.items()},
-        "snr_db": totals.snr_db(),
-        "weighted_snr_db": None,
-        "mssim": dict.fromkeys(("y", "cr", "cb", "mean")),
-        "lobes_by_model": model.lobe_use_by_model(),
-        "failed_starts": failed_starts(starts),
-        "error_without_model": dict.fromkeys(("texels", "snr_db", "snr_db_without")),
-        "auto": None,
-        "seconds": {name: seconds.get(name, 0.0) for name in (*STAGES, "total")},
-        "peak_memory_bytes": peak_memory(device),
-        "device": device_name(device),
-        "seed": seed,
-        "versions": versions(),
-    }
+    sizes = Sizes(**model.byte_counts())
+    seconds = {each.name: context.watch.seconds.get(each.name, 0.0) for each in fields(Seconds)}
+    errors = (totals.without_residual, totals.with_residual)
+    return Report(
+        input=btf.path or btf.name,
+        texels=btf.texel_count,
+        direction_pairs=btf.measured_count,
+        channels=btf.channels,
+        clusters=model.cluster_count,
+        total_basis=len(model.dictionary),
+        mean_basis_per_texel=len(model.index) / btf.texel_count,
+        bytes=sizes,
+        raw_bytes=btf.raw_bytes,
+        compression_ratio=btf.raw_bytes / sizes.total,
+        psnr_peak=peak,
+        psnr_db=PSNR(*(psnr_db(peak, error, count) for error in errors)),
+        snr_db=SNR(**totals.snr_db()),
+        weighted_snr_db=weighted.snr_db() if weighted else None,
+        mssim=MSSIM(**mssim) if mssim else MSSIM(),
+        lobes_by_model=model.lobe_use_by_model(),
+        failed_starts=failed_starts(starts),
+        error_without_model=ablation,
+        auto=auto,
+        seconds=Seconds(**seconds),
+        peak_memory_bytes=peak_memory(context.device),
+        device=device_name(context.device),
+        seed=context.seed,
+        versions=versions(),
+    )
 
 
-def failed_starts(starts: Tensor) -> dict[str, int]:
+def failed_starts(starts: Tensor) -> FailedStarts:
     """How many starts of the search failed, and how, of `FoundLobes.starts [3]`."""
     total, not_finite, no_descent = starts.tolist()
-    return {
-        "starts": total,
-        "count": not_finite + no_descent,
-        "not_finite": not_finite,
-        "no_descent": no_descent,
-    }
+    return FailedStarts(total, not_finite + no_descent, not_finite, no_descent)
 
 
 def warning_of_failed_starts(starts: Tensor) -> str | None:
     """One sentence where starts of the search met no number; the others went on without them."""
     failed = failed_starts(starts)
-    if not failed["not_finite"]:
+    if not failed.not_finite:
         return None
     return (
-        f"warning: {failed['not_finite']} of {failed['starts']} starts of the search met NaN or "
+        f"warning: {failed.not_finite} of {failed.starts} starts of the search met NaN or "
         f"infinity and were left out"
     )
 
 
-def headline(report: dict[str, Any]) -> str:
+def headline(report: Report) -> str:
     """The result in one line."""
-    snr, seconds = report["snr_db"], report["seconds"]["total"]
+    snr = report.snr_db
     return (
-        f"SNR {snr['without_residual']:.2f} dB without residual, {snr['with_residual']:.2f} dB "
-        f"with it (bare cluster means {snr['cluster_mean']:.2f} dB), "
-        f"{report['mean_basis_per_texel']:.1f} lobes a texel, "
-        f"1:{report['compression_ratio']:.0f}, {seconds:.1f} s"
+        f"SNR {snr.without_residual:.2f} dB without residual, {snr.with_residual:.2f} dB "
+        f"with it (bare cluster means {snr.cluster_mean:.2f} dB), "
+        f"{report.mean_basis_per_texel:.1f} lobes a texel, "
+        f"1:{report.compression_ratio:.0f}, {report.seconds.total:.1f} s"
     )
 
 

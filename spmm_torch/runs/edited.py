@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import torch
 import yaml
@@ -16,7 +15,7 @@ from ..edit.script import map_paths
 from ..errors import OutputError
 from ..model.spmm import SPMM
 from ..report import write_report
-from ..report.contract import FILE_NAME
+from ..report.contract import FILE_NAME, Report
 from ..report.edited import edited_report, write_edited_html
 from .folder import CONFIG, REPORT_PAGE
 from ..runtime.tensor_file import MODEL_FILE, write_atomic
@@ -70,13 +69,13 @@ def save_edited_run(
         write_edited_html(folder / REPORT_PAGE, before, after, text)
 
 
-def _report(path: Path) -> dict[str, Any] | None:
+def _report(path: Path) -> Report | None:
     """The report of the run; None where there is none."""
     if not path.is_file():
         return None
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        return Report.from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError) as error:
         raise OutputError(
             f"{path} cannot be read ({error}); expected the report of a fit; restore or remove it."
         ) from error

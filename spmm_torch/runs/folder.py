@@ -18,7 +18,7 @@ from ..data import BTF
 from ..errors import ConfigError, OutputError
 from ..model.spmm import SPMM
 from ..runtime.ranks import ALONE, Ranks
-from ..report import write_html, write_report
+from ..report import Report, write_html, write_report
 from ..report.markup import Markup
 from ..runtime.tensor_file import MODEL_FILE, write_atomic
 
@@ -190,7 +190,7 @@ def _unwritable(path: Path | str, error: OSError) -> OutputError:
 def write_run(
     folder: Path,
     model: SPMM,
-    report: dict[str, Any],
+    report: Report,
     config: FitConfig,
     btf: BTF,
     sections: Sequence[Markup] = (),
@@ -199,4 +199,4 @@ def write_run(
     write_atomic(folder / MODEL_FILE, model.pack())
     (folder / CONFIG).write_text(config.to_yaml(), encoding="utf-8")
     write_report(folder, report)
-    write_html(folder / REPORT_PAGE, report, model, btf, sections)
+    write_html(folder / REPORT_PAGE, report.to_dict(), model, btf, sections)

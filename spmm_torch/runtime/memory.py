@@ -113,36 +113,45 @@ def peak_resident_memory() -> int:
 
 @dataclass(frozen=True)
 class Budget:
-    """What a fit may take.
+    """Memory that a run may take.
 
     Attributes:
-        total: bytes at most, this process as it is included.
-        working: what the stages need for their blocks and batches, the process included.
+        total: bytes at most, with those that the process holds already.
+        limited: whether a person has set the total.
+        working: bytes that the stages need for their blocks and batches, the process included.
+        kept: bytes of decoded values that stay in memory.
     """
 
     total: int
-    working: int
+    limited: bool = False
+    working: int = 0
+    kept: int = 0
 
     @classmethod
-    def build(cls, limit: int | None, working: int, processes: int = 1) -> Budget:
-        """The budget of a limit, or of half of what is free, shared out among `processes`.
+    def build(cls, limit: int | None = None, processes: int = 1) -> Budget:
+        """The budget of a limit, or of half of what is free, divided among `processes`."""
+        if limit is not None:
+            return cls(limit, limited=True)
+        return cls(int(DEFAULT_SHARE * free_memory() / processes))
+
+    def needing(self, working: int) -> Budget:
+        """The same for stages that need `working` bytes.
 
         Raises:
             ConfigError: the limit is too low for any fit.
         """
-        total = limit if limit is not None else int(DEFAULT_SHARE * free_memory() / processes)
-        if limit is not None and limit < working:
+        if self.limited and self.total < working:
             raise ConfigError(
-                f"--max-memory is {limit / 1e9:.2f} GB, but this input needs "
+                f"--max-memory is {self.total / 1e9:.2f} GB, but this input needs "
                 f"{working / 1e9:.2f} GB even out of core; allow more, or lower "
                 f"sample.per_cluster, cluster.count or search.bank_normals."
             )
-        return cls(max(total, working), working)
+        return Budget(max(self.total, working), self.limited, working)
 
     @property
     def spare(self) -> int:
         """Bytes left for data that may also lie on disk."""
-        return self.total - self.working
+        return self.total - self.working - self.kept
 
 
 def slices(count: int, size: int) -> Iterator[slice]:

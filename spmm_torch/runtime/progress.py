@@ -11,6 +11,7 @@ from typing import TextIO
 
 from tqdm import tqdm
 
+Advance = Callable[[int], None]  # told how many more units are done
 # A plain line at most this often, in seconds: a log stays readable, and a stalled run shows.
 LINE_INTERVAL = 10.0
 MINUTE, HOUR = 60, 3600

@@ -23,16 +23,14 @@ from spmm_torch.data import BTF, sample_path
 from spmm_torch.data.codes import MemoryCodes
 from spmm_torch.data.error_weights import UNIFORM
 from spmm_torch.data.store import CodeStore, Loading
-from spmm_torch.fit.cluster import sample_texels
+from spmm_torch.fit.cluster import cluster_texels, sample_texels
 from spmm_torch.fit.dictionary import Dictionary, build_dictionary
-from spmm_torch.fit.select.clusters import Setting, fit_texels
-from spmm_torch.fit.steps import Steps
-from spmm_torch.lobes.grid import DirectionGrid
+from spmm_torch.fit.problem import Problem
+from spmm_torch.fit.search.lobes import search_lobes
+from spmm_torch.fit.select.clusters import fit_texels
 from spmm_torch.metrics import Totals
-from spmm_torch.runtime.checkpoint import Checkpoint, stage_generator
+from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.memory import slices
-from spmm_torch.runtime.progress import Progress
-from spmm_torch.runtime.ranks import ALONE
 from spmm_torch.runtime.stopwatch import Stopwatch
 
 CPU = torch.device("cpu")
@@ -84,19 +82,15 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     btf = tiled_codes(math.isqrt(options.texels))
     config = FitConfig.from_dict({"select": {"pilot": options.pilot or None}})
-    watch, quiet = Stopwatch(CPU), Progress(enabled=False)
-    steps = Steps(btf, config, UNIFORM, CPU, watch, ALONE)
-    with quiet.stage("prepare") as stage:
-        clusters = steps.cluster(stage)
-        generator = stage_generator(config.seed, "sample")
-        samples, owners = sample_texels(clusters, config.sample, generator)
-        grid = DirectionGrid.build(btf.light, btf.view, CPU)
-        found = steps.search(samples, owners, grid, stage)
-        dictionary = build_dictionary(found, len(clusters.members), grid, config.dictionary)
-        dictionary = shortened(dictionary, options.lobes)
-        bare = bare_product(btf, dictionary.atoms)
-        setting = Setting(btf, clusters.points, dictionary, config, watch, 1 << 33, ALONE)
-        fits = fit_texels(setting, clusters.members, Checkpoint(watch), stage)
+    watch = Stopwatch(CPU)
+    context = Context.build("cpu", config.seed, memory=1 << 33, watch=watch)
+    problem = Problem(btf, UNIFORM, config, context)
+    clusters = cluster_texels(problem)
+    found = search_lobes(problem, sample_texels(problem, clusters))
+    dictionary = build_dictionary(problem, found, len(clusters.members))
+    dictionary = shortened(dictionary, options.lobes)
+    bare = bare_product(btf, dictionary.atoms)
+    fits = fit_texels(problem, clusters, dictionary)
     errors = Totals.sum(fit.totals for fit in fits).snr_db()
     seconds = {part: watch.seconds[part] for part in STAGES}
     print(f"{btf.texel_count} texels, {len(dictionary.atoms)} lobes")

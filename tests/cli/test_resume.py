@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spmm_torch.cli import fit as command
 from spmm_torch.cli.fit import main
 from spmm_torch.cli.parser import STOPPED
-from spmm_torch.fit import pipeline as fit_module
-from spmm_torch.fit import steps as fit_steps
+from spmm_torch.fit import cluster
+from spmm_torch.fit.search import lobes
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.runs import folder
 from spmm_torch.runtime.checkpoint import Checkpoint
@@ -211,7 +212,7 @@ def test_a_finished_run_is_only_named(
     run = tmp_path / "run"
     assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0  # nothing to go on with
     first = capsys.readouterr().out
-    monkeypatch.setattr(fit_module, "fit", lambda *_: pytest.fail("nothing is left to do"))
+    monkeypatch.setattr(command, "fit", lambda *_: pytest.fail("nothing is left to do"))
     assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     assert capsys.readouterr().out == first == f"{run / 'report.html'}\n"
     check_complete(run, unbroken)
@@ -240,8 +241,8 @@ def test_full_disk_at_the_end_loses_no_stage(
     assert error.startswith(f"error: the disk is full at run folder {run} (")
     assert "go on with --resume" in error
     assert state(run) == sorted(STAGES)
-    monkeypatch.setattr(fit_steps, "cluster_texels", lambda *_: pytest.fail("it is finished"))
-    monkeypatch.setattr(fit_steps, "search_lobes", lambda *_: pytest.fail("it is finished"))
+    monkeypatch.setattr(cluster, "principal_points", lambda *_: pytest.fail("it is finished"))
+    monkeypatch.setattr(lobes, "find_lobes", lambda *_: pytest.fail("it is finished"))
     assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     check_complete(run, unbroken)
 

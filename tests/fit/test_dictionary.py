@@ -6,7 +6,7 @@ import torch
 
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.config.fit import DictionaryConfig
-from spmm_torch.fit.dictionary import FoundLobes, build_dictionary
+from spmm_torch.fit.dictionary import FoundLobes, merge_lobes
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
@@ -30,25 +30,25 @@ def found() -> FoundLobes:
 
 
 def test_shared_keeps_the_lobe_of_the_better_fit_for_all() -> None:
-    dictionary = build_dictionary(found(), 2, GRID, DictionaryConfig(scope="shared", merge=0.99))
+    dictionary = merge_lobes(found(), 2, GRID, DictionaryConfig(scope="shared", merge=0.99))
     assert dictionary.lobes.kappa[:, 0].tolist() == [torch.tensor(10.01).item(), 300.0]
     assert [choice.tolist() for choice in dictionary.choices] == [[0, 1], [0, 1]]
 
 
 def test_clusters_keep_their_own() -> None:
-    dictionary = build_dictionary(found(), 2, GRID, DictionaryConfig(scope="cluster", merge=0.99))
+    dictionary = merge_lobes(found(), 2, GRID, DictionaryConfig(scope="cluster", merge=0.99))
     assert len(dictionary.lobes) == 3
     assert [len(choice) for choice in dictionary.choices] == [1, 2]
     assert float(dictionary.lobes.kappa[dictionary.choices[0][0], 0]) == 10.0
 
 
 def test_atoms_have_unit_norm() -> None:
-    dictionary = build_dictionary(found(), 2, GRID, DictionaryConfig())
+    dictionary = merge_lobes(found(), 2, GRID, DictionaryConfig())
     assert torch.allclose(dictionary.atoms.norm(dim=1), torch.ones(len(dictionary.atoms)))
     values = GRID.eval(dictionary.lobes)
     assert torch.allclose(dictionary.atoms * dictionary.norm[:, None], values, rtol=1e-5)
 
 
 def test_cluster_without_lobes_has_no_choice() -> None:
-    dictionary = build_dictionary(found(), 3, GRID, DictionaryConfig(scope="cluster"))
+    dictionary = merge_lobes(found(), 3, GRID, DictionaryConfig(scope="cluster"))
     assert len(dictionary.choices[2]) == 0

@@ -19,6 +19,7 @@ from spmm_torch.fit.select import alternate
 from spmm_torch.geometry.directions import direction_from_angles, ring_directions
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.report import check_report
+from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.device import resolve_device
 from spmm_torch.runtime.progress import Progress
 
@@ -117,7 +118,7 @@ def test_planted_model_is_found() -> None:
 def test_result() -> None:
     btf = noisy(3, 4)
     told = io.StringIO()
-    result = fit(btf, small(), Progress(told), render=False)
+    result = fit(btf, small(), Context.build("cpu", progress=Progress(told)), render=False)
     check_errors(btf, result)
     report, model = result.report, result.model
     assert (report["texels"], report["direction_pairs"], report["clusters"]) == (12, 361, 4)
@@ -142,7 +143,7 @@ def test_same_seed_same_bytes_and_the_callers_generator_is_left_alone() -> None:
 def test_one_texel() -> None:
     btf = noisy(1, 1)
     told = io.StringIO()
-    result = fit(btf, small(), Progress(told), render=False)
+    result = fit(btf, small(), Context.build("cpu", progress=Progress(told)), render=False)
     check_errors(btf, result)
     assert "cluster.count lowered from 4 to 1, there are only 1 texels" in told.getvalue()
     assert result.report["snr_db"]["with_residual"] > 60.0  # its own mean, in float16
@@ -152,7 +153,7 @@ def test_constant_texture() -> None:
     one = noisy(1, 1).texels().view(1, len(DIRECTIONS), len(DIRECTIONS), 3)
     btf = texel_major_btf(one.expand(9, -1, -1, -1), 3, 3)
     told = io.StringIO()
-    result = fit(btf, small(), Progress(told), render=False)
+    result = fit(btf, small(), Context.build("cpu", progress=Progress(told)), render=False)
     check_errors(btf, result)
     assert result.report["clusters"] == 1
     assert "there are too few distinct texels" in told.getvalue()

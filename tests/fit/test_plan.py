@@ -17,7 +17,7 @@ from spmm_torch.fit import plan
 from spmm_torch.fit.pipeline import fit
 from spmm_torch.fit.plan import Plan, estimate
 from spmm_torch.geometry.directions import ring_directions
-from spmm_torch.runtime.context import Resources
+from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.memory import Budget
 
 CPU = torch.device("cpu")
@@ -106,7 +106,7 @@ def test_decoded_values_keep_their_own_bits(bits: float) -> None:
 )
 def test_text(spare: int, cached: bool, memory: str, disk: str) -> None:
     """Decoded values lie in memory where they fit, unless they are wanted on disk."""
-    budget = Budget(2 * GB + spare, 2 * GB)
+    budget = Budget(2 * GB + spare, working=2 * GB)
     text = Plan(185.0, 2 * GB, 3 * GB).describe(budget, cached)
     assert Plan(185.0, 2 * GB, 3 * GB).kept_bytes(budget, cached) == 3 * GB * (disk == "0.0")
     assert text == (
@@ -117,7 +117,7 @@ def test_text(spare: int, cached: bool, memory: str, disk: str) -> None:
 
 def test_low_limit_is_told_before_decoding() -> None:
     with pytest.raises(ConfigError, match=r"--max-memory is 0\.00 GB, but this input needs"):
-        fit(btf(4, 6), FitConfig.from_dict({"device": "cpu"}), resources=Resources(memory=1000))
+        fit(btf(4, 6), FitConfig.from_dict({"device": "cpu"}), Context.build("cpu", memory=1000))
 
 
 def test_low_limit_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,6 +10,7 @@ from torch import Tensor
 from spmm_torch import BTF, FitConfig
 from spmm_torch.brdf import REGISTRY
 from spmm_torch.fit import fit
+from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.progress import Progress
 from tests.hard.cases import CASES, QUICK, merged
 
@@ -36,7 +37,7 @@ def test_counted_and_left_out(btf: BTF, method: str) -> None:
     small = {"search": {"method": method, "pairs": 64, "adam_steps": 4, "lbfgs_steps": 8}}
     config = FitConfig.from_dict(merged(QUICK, small)).override(["stagewise.max_steps=12"])
     told = io.StringIO()
-    result = fit(btf, config, Progress(told))
+    result = fit(btf, config, Context.build(config.device, progress=Progress(told)))
     failed = result.report["failed_starts"]
     assert 0 < failed["not_finite"] <= failed["count"] < failed["starts"]
     assert f"{failed['not_finite']} of {failed['starts']} starts" in told.getvalue()
@@ -46,6 +47,10 @@ def test_counted_and_left_out(btf: BTF, method: str) -> None:
 
 def test_nothing_fails_and_nothing_is_said_otherwise() -> None:
     told = io.StringIO()
-    report = fit(CASES["retro"].make(), FitConfig.from_dict(QUICK), Progress(told)).report
+    report = fit(
+        CASES["retro"].make(),
+        FitConfig.from_dict(QUICK),
+        Context.build(QUICK["device"], progress=Progress(told)),
+    ).report
     assert report["failed_starts"]["not_finite"] == 0
     assert "starts" not in told.getvalue()

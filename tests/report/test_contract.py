@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from spmm_torch.report import REPORT_KEYS, check_report, write_report
+from spmm_torch.report import REPORT_KEYS, Report, check_report, write_report
 
 
 def test_a_full_report_passes(report: dict[str, Any]) -> None:
@@ -36,14 +36,14 @@ def test_a_group_that_is_null_misses_its_keys(report: dict[str, Any]) -> None:
 def test_a_bad_report_is_not_written(report: dict[str, Any], tmp_path: Path) -> None:
     del report["seed"]
     with pytest.raises(ValueError, match="seed"):
-        write_report(tmp_path, report)
+        write_report(tmp_path, Report.from_dict(report))
     assert not list(tmp_path.iterdir())
 
 
 def test_the_order_is_that_of_the_contract(report: dict[str, Any], tmp_path: Path) -> None:
     backwards = dict(reversed(report.items()))
     backwards["seconds"] = dict(reversed(report["seconds"].items()))
-    path = write_report(tmp_path, backwards)
+    path = write_report(tmp_path, Report.from_dict(backwards))
     assert path == tmp_path / "report.json"
     read = json.loads(path.read_text(encoding="utf-8"))
     assert read == report
@@ -56,7 +56,7 @@ def test_numbers_that_are_not_finite_become_null(report: dict[str, Any], tmp_pat
     report["snr_db"]["with_residual"] = math.inf
     report["psnr_db"]["without_residual"] = math.nan
     report["versions"] = {"list": [1.0, -math.inf]}
-    read = json.loads(write_report(tmp_path, report).read_text(encoding="utf-8"))
+    read = json.loads(write_report(tmp_path, Report.from_dict(report)).read_text(encoding="utf-8"))
     assert read["snr_db"]["with_residual"] is None
     assert read["psnr_db"]["without_residual"] is None
     assert read["versions"] == {"list": [1.0, None]}

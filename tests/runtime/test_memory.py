@@ -142,22 +142,22 @@ def test_this_machine() -> None:
 
 
 def test_budget_of_a_limit() -> None:
-    budget = Budget.build(4 * GIB, GIB)
+    budget = Budget.build(4 * GIB).needing(GIB)
     assert (budget.total, budget.working, budget.spare) == (4 * GIB, GIB, 3 * GIB)
-    assert Budget.build(GIB, GIB).spare == 0
+    assert Budget.build(GIB).needing(GIB).spare == 0
 
 
 @pytest.mark.parametrize("limit", [0, GIB - 1])
 def test_limit_below_what_any_fit_takes(limit: int) -> None:
     with pytest.raises(ConfigError, match="^--max-memory is .* but this input needs 1.07 GB"):
-        Budget.build(limit, GIB)
+        Budget.build(limit).needing(GIB)
 
 
 def test_budget_of_what_is_free(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "free_memory", lambda: 8 * GIB)
-    assert Budget.build(None, GIB) == Budget(4 * GIB, GIB)
-    assert Budget.build(None, GIB, processes=4) == Budget(GIB, GIB)
-    assert Budget.build(None, 5 * GIB).spare == 0  # tried nevertheless
+    assert Budget.build().needing(GIB) == Budget(4 * GIB, working=GIB)
+    assert Budget.build(processes=4).needing(GIB) == Budget(GIB, working=GIB)
+    assert Budget.build().needing(5 * GIB).spare == 0  # tried nevertheless
 
 
 @given(st.integers(0, 50), st.integers(1, 60))

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import torch
 
+from ...data.error_weights import UNIFORM
+from ...fit.cluster import Samples
 from ...fit.dictionary import FoundLobes
-from ...fit.search.lobes import search_lobes
+from ...fit.problem import Problem as FitProblem
+from ...fit.search.lobes import find_lobes
 from ...fit.select.products import cluster_products
 from ...fit.select.texels import Fit, Products, select, squared_errors, target_beside_residual
 from ...metrics import snr_db
+from ...runtime.context import Context
 from ..protocol import Timing, measure
 from ..variants import DEFAULT, shipped
 from .problem import SEARCH, SELECTION, WHOLE, Peer, Problem, Row, row
@@ -51,12 +55,12 @@ def _search(problem: Problem) -> Row:
     texels = problem.some_texels(problem.scope.search_texels)
     own = torch.arange(len(texels))  # each a cluster of its own, to tell their lobes apart
 
+    fit = FitProblem(problem.btf, UNIFORM, config, Context.build(str(problem.device)))
+
     @torch.no_grad()
     def work() -> FoundLobes:
         generator = torch.Generator().manual_seed(config.seed)
-        return search_lobes(
-            problem.btf, texels, own, problem.grid, config, generator, lambda _: None
-        )
+        return find_lobes(fit, Samples(texels, own), generator, lambda _: None)
 
     found, timing = measure(work, problem.protocol, problem.device)
     share = torch.ones(len(texels), dtype=torch.float64)  # of a texel that got no lobe

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from ...config.fit import ClusterConfig
+from ...config.fit import FitConfig
+from ...data.error_weights import UNIFORM
 from ...fit.cluster import principal_points
+from ...fit.problem import Problem as FitProblem
+from ...runtime.context import Context
 from ...solvers.kmeans import kmeans
 from ..protocol import measure
 from .problem import HALF, HALF_BYTES, WHOLE, Peer, Problem, Row, row, snr_of
@@ -25,11 +28,10 @@ def label_bytes(clusters: int) -> int:
 def clustered(problem: Problem, count: int) -> torch.Tensor:
     """Labels `[T]` on the CPU, by the same k-means that our own fit uses."""
     generator = torch.Generator().manual_seed(0)
-    settings = ClusterConfig()
-    points = principal_points(
-        problem.btf, settings.components, generator, problem.device, lambda _: None
-    )
-    return kmeans(points, count, generator, iterations=settings.iterations).labels
+    config = FitConfig()
+    fit = FitProblem(problem.btf, UNIFORM, config, Context.build(str(problem.device)))
+    points = principal_points(fit, generator, lambda _: None)
+    return kmeans(points, count, generator, iterations=config.cluster.iterations).labels
 
 
 def run(problem: Problem) -> list[Row]:

@@ -9,17 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import torch
 from torch import Tensor
 
 from ...brdf import MODEL_NAMES
 from ...config.fit import FitConfig
-from ...data import BTF
-from ...data.error_weights import Weights
 from ...metrics import snr_db
+from ...report.contract import Ablation
 from ..dictionary import Dictionary
+from ..problem import Problem
 from ..select.products import cluster_products
 from ..select.texels import Fit, Products, select, squared_errors, target_beside_residual
 
@@ -27,68 +26,57 @@ from ..select.texels import Fit, Products, select, squared_errors, target_beside
 TEXELS = 128
 
 
-def worth_of_models(
-    btf: BTF,
-    labels: Tensor,
-    dictionary: Dictionary,
-    config: FitConfig,
-    weights: Weights,
-    generator: torch.Generator,
-) -> dict[str, Any]:
-    """Signal-to-noise ratios of lobes alone over some texels, by weight.
+def ablate(problem: Problem, labels: Tensor, dictionary: Dictionary) -> Ablation:
+    """Errors of lobes alone over some texels, by weight, with and without each model.
 
     Args:
-        btf: the values.
+        problem: the fit; its way to select is taken.
         labels: cluster of every texel, `[T]`.
         dictionary: of all clusters.
-        config: of the fit; its way to select is taken.
-        weights: of the fit.
-        generator: draws the texels.
-
-    Returns:
-        `texels`, their number; `snr_db` with all models; and `snr_db_without`, that without each
-        model that the dictionary has lobes of.
     """
-    texels = torch.randperm(btf.texel_count, generator=generator)[:TEXELS]
-    groups = list(_groups(btf, texels, labels, dictionary, weights))
+    context = problem.context
+    with context.watch("evaluate"):
+        return context.ranks.first(lambda: _ablation(problem, labels, dictionary))
+
+
+def _ablation(problem: Problem, labels: Tensor, dictionary: Dictionary) -> Ablation:
+    generator = problem.context.generator("worth")
+    texels = torch.randperm(problem.btf.texel_count, generator=generator)[:TEXELS]
+    groups = list(_groups(problem, texels, labels, dictionary))
     energy = sum(float(products.total(products.energy)) for products, _ in groups)
-    present = torch.unique(dictionary.lobes.model).tolist()
-    errors = {
-        index: sum(_error(products, model != index, config) for products, model in groups)
-        for index in (None, *present)
-    }
-    without = {MODEL_NAMES[index]: snr_db(energy, errors[index]) for index in present}
-    return {
-        "texels": len(texels),
-        "snr_db": snr_db(energy, errors[None]),
-        "snr_db_without": without,
-    }
+
+    def decibels(dropped: int | None) -> float:
+        kept = (
+            products if dropped is None else with_atoms(products, model != dropped)
+            for products, model in groups
+        )
+        return snr_db(energy, sum(_error(products, problem) for products in kept))
+
+    without = {MODEL_NAMES[model]: decibels(model) for model, _ in dictionary.lobes.by_model()}
+    return Ablation(len(texels), decibels(None), without)
 
 
 def _groups(
-    btf: BTF, texels: Tensor, labels: Tensor, dictionary: Dictionary, weights: Weights
+    problem: Problem, texels: Tensor, labels: Tensor, dictionary: Dictionary
 ) -> Iterator[tuple[Products, Tensor]]:
     """Products of texels that choose from the same lobes, and the models of those `[J]`."""
-    device = dictionary.atoms.device
     shared = all(len(choice) == len(dictionary.lobes) for choice in dictionary.choices)
     owner = torch.zeros_like(texels) if shared else labels[texels]
     for cluster in torch.unique(owner).tolist():
-        own, choice = texels[owner == cluster], dictionary.choices[cluster]
+        own, choice = texels[owner == cluster], dictionary.choices[cluster].to(problem.device)
         products = cluster_products(
-            lambda part, own=own: weights.signals(btf, own[part], device),
+            lambda part, own=own: problem.signals(own[part]),
             [slice(0, len(own))],
-            (len(own), btf.channels),
-            dictionary.atoms[choice.to(device)],
-            importance=weights.of_texels(own, device),
+            (len(own), problem.btf.channels),
+            dictionary.atoms[choice],
+            importance=problem.importance(own),
         )
         yield products, dictionary.lobes.model[choice]
 
 
-def _error(products: Products, kept: Tensor | bool, config: FitConfig) -> float:
-    """The squared error that lobes `kept [J]` leave; all of them if that is True."""
-    if isinstance(kept, Tensor):
-        products = with_atoms(products, kept)
-    return float(products.total(squared_errors(products, selected(products, config))))
+def _error(products: Products, problem: Problem) -> float:
+    """The squared error that the atoms leave."""
+    return float(products.total(squared_errors(products, selected(products, problem.config))))
 
 
 def selected(products: Products, config: FitConfig) -> Fit:

@@ -10,7 +10,6 @@ as long as that pays, then models are dropped, one after another.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -23,9 +22,11 @@ from ...config.fit import FitConfig
 from ...data import BTF
 from ...data.error_weights import Weights
 from ...errors import DataError
-from ...lobes.grid import DirectionGrid
-from ..dictionary import Dictionary, build_dictionary
-from ..search.lobes import search_lobes
+from ...runtime.progress import Advance
+from ..cluster import Samples
+from ..dictionary import Dictionary, merge_lobes
+from ..problem import Problem
+from ..search.lobes import find_lobes, search_steps
 from ..select.products import cluster_products
 from ..select.texels import Products, squared_errors
 from .ablation import selected, with_atoms
@@ -40,8 +41,6 @@ VISIBLE = 1e-4
 MOST_GAIN = 0.9
 # Stored bytes: an entry's index, a float, and a lobe's model, parameters, normal and angle.
 INDEX_BYTES, FLOAT_BYTES, LOBE_BYTES = 2, 4, 1 + 4 * (MAX_PARAMETERS + 4)
-
-Advance = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -91,43 +90,56 @@ class Choice:
         )
 
 
+def choose_models(problem: Problem, samples: Samples) -> tuple[Problem, Choice | None]:
+    """The problem with what pays only, if its settings want that.
+
+    Raises:
+        DataError: there are too few directions to hold some out.
+    """
+    context, config = problem.context, problem.config
+    if not config.auto:
+        return problem, None
+
+    def work(advance: Advance) -> Choice:
+        generator = context.generator("auto")
+        return context.ranks.first(lambda: choose(problem, samples, generator, advance))
+
+    steps = search_steps(config, auto_texels(len(samples)))
+    choice = context.stage("auto", Choice, work, steps, "steps", timed="search")
+    context.progress.say(choice.describe(config))
+    return replace(problem, config=choice.applied(config)), choice
+
+
 def choose(
-    btf: BTF,
-    texels: Tensor,
-    config: FitConfig,
-    weights: Weights,
-    device: torch.device,
-    generator: torch.Generator,
-    advance: Advance,
+    problem: Problem, samples: Samples, generator: torch.Generator, advance: Advance
 ) -> Choice:
     """Which models, and which `min_gain`, pay for their bytes on held-out directions.
 
     Args:
-        btf: the values.
-        texels: a stratified sample, `[S]`; some of them are taken.
-        config: of the fit.
-        weights: of the fit.
-        device: on which to work.
+        problem: the fit.
+        samples: S texels; some of them are taken.
         generator: draws texels and held-out directions.
         advance: told steps of the search of `auto_texels(S)` samples.
 
     Raises:
         DataError: there are too few directions to hold some out.
     """
-    own = texels[torch.randperm(len(texels), generator=generator)[: auto_texels(len(texels))]]
+    btf, count = problem.btf, auto_texels(len(samples))
+    own = samples.texels[torch.randperm(len(samples), generator=generator)[:count]]
     held = held_out(btf, generator)  # [V, L]
-    seen = weights.times(Weights.build(btf, (~held).float()))
-    unseen = weights.times(Weights.build(btf, held.float()))
-    grid = DirectionGrid.build(btf.light, btf.view, device, seen.scale(device))
-    owner = torch.zeros(len(own), dtype=torch.long)
-    found = search_lobes(btf, own, owner, grid, config, generator, advance, seen)
-    dictionary = build_dictionary(found, 1, grid, config.dictionary)
-    atoms = dictionary.raw * unseen.scale(device)
+    seen, unseen = (
+        replace(problem, weights=problem.weights.times(Weights.build(btf, pairs.float())))
+        for pairs in (~held, held)
+    )
+    together = Samples(own, torch.zeros(len(own), dtype=torch.long))
+    found = find_lobes(seen, together, generator, advance)
+    dictionary = merge_lobes(found, 1, seen.grid(), problem.config.dictionary)
+    atoms = dictionary.raw * unseen.weights.scale(problem.device)
     return _Trial(
-        config,
+        problem.config,
         dictionary,
-        _products(btf, own, dictionary.atoms, seen),
-        _products(btf, own, atoms, unseen),
+        _products(seen, own, dictionary.atoms),
+        _products(unseen, own, atoms),
         btf.texel_count,
     ).best()
 
@@ -159,11 +171,11 @@ def held_out(btf: BTF, generator: torch.Generator) -> Tensor:
     return view[:, None] | light
 
 
-def _products(btf: BTF, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
+def _products(problem: Problem, texels: Tensor, atoms: Tensor) -> Products:
     return cluster_products(
-        lambda part: weights.signals(btf, texels[part], atoms.device),
+        lambda part: problem.signals(texels[part]),
         [slice(0, len(texels))],
-        (len(texels), btf.channels),
+        (len(texels), problem.btf.channels),
         atoms,
     )
 

@@ -6,7 +6,6 @@ weights and, by variable projection, of all normals and parameters of the sample
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,6 +15,7 @@ from torch import Tensor
 from ...config.fit import SearchConfig
 from ...lobes.batch import COORDINATES, Feasible, LobeBatch, decode, encode
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
+from ...runtime.progress import Advance
 from ...solvers.foba import select_corrective
 from ...solvers.multistart import StartTally, best_start
 from ...solvers.varpro import refine_mixtures
@@ -34,8 +34,6 @@ CPU_SLOPES, CUDA_SLOPES = 1 << 24, 1 << 30
 FEW_ROWS, LEAST_GAIN = 32, 0.03
 # Keeps the ratio of a loss to the energy of a black sample finite.
 TINY = torch.finfo(torch.float32).tiny
-
-Advance = Callable[[int], None]
 
 
 @dataclass(frozen=True)

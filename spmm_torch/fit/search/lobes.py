@@ -6,13 +6,13 @@ import torch
 from torch import Tensor
 
 from ...config.fit import FitConfig, SearchConfig
-from ...data import BTF
-from ...data.error_weights import UNIFORM, Weights
 from ...lobes.batch import Feasible, decode
-from ...lobes.grid import DirectionGrid
+from ...runtime.progress import Advance
+from ..cluster import Samples
 from ..dictionary import FoundLobes
+from ..problem import Problem
 from .bank import build_bank
-from .joint import FEW_ROWS, Advance, CorrectiveSearch
+from .joint import FEW_ROWS, CorrectiveSearch
 from .mixtures import Mixtures
 from .music import spanned_lobes
 from .stagewise import StagewiseSearch
@@ -39,37 +39,46 @@ def bank_normals(config: SearchConfig, samples: int) -> int:
     return FINE_NORMALS if samples <= FEW_ROWS else COARSE_NORMALS
 
 
-def search_lobes(
-    btf: BTF,
-    texels: Tensor,
-    clusters: Tensor,
-    grid: DirectionGrid,
-    config: FitConfig,
-    generator: torch.Generator,
-    advance: Advance,
-    weights: Weights = UNIFORM,
+def search_lobes(problem: Problem, samples: Samples) -> FoundLobes:
+    """The lobes of the samples [WDR11 §3.2, Eq. 5]; one rank searches for all."""
+    context = problem.context
+
+    def search(advance: Advance) -> FoundLobes:
+        generator = context.generator("search")
+        return context.ranks.first(
+            lambda: find_lobes(problem, samples, generator, advance).on_cpu()
+        )
+
+    steps = search_steps(problem.config, len(samples))
+    return context.stage("search", FoundLobes, search, steps, "steps")
+
+
+def find_lobes(
+    problem: Problem, samples: Samples, generator: torch.Generator, advance: Advance
 ) -> FoundLobes:
-    """Finds the lobes of sampled `texels [S]` of `clusters [S]` [WDR11 §3.2].
+    """The lobes of the samples, searched in this process.
 
     Args:
-        grid: scaled as the weights of the pairs say.
-        weights: by which values are scaled, too.
+        problem: the fit.
+        samples: S texels.
+        generator: draws direction pairs (stagewise).
+        advance: told `search_steps` units in all.
     """
-    search = config.search
+    search, grid = problem.config.search, problem.grid()
     feasible = Feasible.build(search.min_width * grid.spacing)
-    bank = build_bank(grid, search.models, bank_normals(search, len(texels)), feasible)
+    bank = build_bank(grid, search.models, bank_normals(search, len(samples)), feasible)
     fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
-    signals = weights.signals(btf, texels, grid.light.device)  # [S, C, D]
+    signals = problem.signals(samples.texels)  # [S, C, D]
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
-            grid, bank, feasible, search, config.stagewise, signals, generator
+            grid, bank, feasible, search, problem.config.stagewise, signals, generator
         )
     else:
         known = spanned_lobes(signals.flatten(0, 1), grid, bank, fine)
         bounds = fine if len(known) else feasible
         finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
     mixtures = finder.run(advance)
-    return _found(mixtures, clusters, signals, finder.tally.to_tensor())
+    return _found(mixtures, samples.clusters, signals, finder.tally.to_tensor())
 
 
 def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, starts: Tensor) -> FoundLobes:

@@ -9,9 +9,8 @@ import torch
 from torch import Tensor
 
 from ...config.fit import FitConfig
+from ...runtime.context import Context
 from ...runtime.memory import slices
-from ...runtime.ranks import Ranks
-from ...runtime.stopwatch import Stopwatch
 from ..residual.exact import DOUBTFUL
 from .texels import (
     Fit,
@@ -88,8 +87,7 @@ class ClusterProblem:
 
     products: Products
     config: FitConfig
-    watch: Stopwatch
-    ranks: Ranks
+    context: Context
 
     def solve(self, start: Start | None = None) -> Solution:
         """Fits the lobes alone, then, if settings want it, again beside the residual.
@@ -106,7 +104,7 @@ class ClusterProblem:
         if start is None:
             start = self._beside(self._alone())
         found = self._alternate(start)
-        energy = float(self.ranks.sum(products.total(products.energy)))
+        energy = float(self.context.ranks.sum(products.total(products.energy)))
         of_mean = energy - products.count * float(products.mean_energy.sum())
         # Where rounding alone makes the difference, of equal texels say, lobes must not be lost.
         if found.error - found.taken > of_mean + DOUBTFUL * energy:
@@ -155,9 +153,9 @@ class ClusterProblem:
         results = []
         for block, texels in enumerate(selection_blocks(self.products)):
             part = self.products.part(texels)
-            with self.watch(stage):
+            with self.context.watch(stage):
                 fit = step(block, part)
-            with self.watch("evaluate"):
+            with self.context.watch("evaluate"):
                 results.append((fit, float(part.total(squared_errors(part, fit)))))
         return results
 
@@ -168,9 +166,9 @@ class ClusterProblem:
         for texels, (fit, _) in zip(selection_blocks(self.products), results, strict=True):
             own = self.products.importance
             total += fit.total_weights(atoms, None if own is None else own[texels])
-        mean = self.ranks.sum(total) / self.products.count
+        mean = self.context.ranks.sum(total) / self.products.count
         own = torch.tensor(sum(error for _, error in results), dtype=torch.float64)
-        error = float(self.ranks.sum(own))
+        error = float(self.context.ranks.sum(own))
         taken = taken_by_residual(self.products, mean)
         fits = [fit for fit, _ in results]
         return Solution(fits, mean, error, taken, start)

@@ -13,18 +13,15 @@ from threading import Event
 import torch
 from torch import Tensor
 
-from ...config.fit import FitConfig
-from ...data import BTF
 from ...data.blocks import block_texels, cpu_block_bytes
 from ...data.error_weights import UNIFORM, Weights
 from ...metrics import Totals
-from ...runtime.checkpoint import Checkpoint, stage_generator
+from ...runtime.context import Context
 from ...runtime.memory import slices
-from ...runtime.ranks import Ranks
-from ...runtime.stopwatch import Stopwatch
 from ...runtime.threads import side_by_side
-from ..cluster import Advance
+from ..cluster import Clusters
 from ..dictionary import Dictionary
+from ..problem import Problem
 from ..residual.errors import Tally, WeightedTally, tally_uniform
 from ..residual.exact import exact_where_doubtful
 from ..residual.missing import MissingPairs
@@ -80,60 +77,53 @@ class ClusterFit:
 
 
 @dataclass(frozen=True)
-class Setting:
+class SelectStage:
     """What the fits of all clusters share.
 
     Attributes:
-        btf: the input.
+        problem: the fit.
         points: principal coordinates of the texels, `[T, P]`.
         dictionary: all lobes.
-        config: of the fit.
-        watch: tells the time by stage.
         spare: bytes that the products of a cluster may take in memory.
-        ranks: that share the texels of every cluster.
-        weights: of texels and pairs.
         gaps: how the residual of missing pairs is found; None without any.
         stopped: set once the result of a cluster is not wanted any more.
     """
 
-    btf: BTF
+    problem: Problem
     points: Tensor
     dictionary: Dictionary
-    config: FitConfig
-    watch: Stopwatch
     spare: int
-    ranks: Ranks
-    weights: Weights = UNIFORM
     gaps: MissingPairs | None = None
     stopped: Event = field(default_factory=Event)
 
 
-def fit_texels(
-    setting: Setting, members: list[Tensor], checkpoint: Checkpoint, advance: Advance
-) -> list[ClusterFit]:
+def fit_texels(problem: Problem, clusters: Clusters, dictionary: Dictionary) -> list[ClusterFit]:
     """Fits the texels of every cluster with the lobes open to it, and their residual.
 
     On a CPU, several clusters at once: most steps are too small to be shared among threads.
     """
-    at_once, threads = _clusters_at_once(setting, len(members))
-    taken = (at_once - 1) * cluster_bytes(len(setting.dictionary.atoms))
-    setting = replace(setting, spare=(setting.spare - taken) // at_once)
+    btf, context = problem.btf, problem.context
+    gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
+    shared = SelectStage(problem, clusters.points, dictionary, context.budget.spare, gaps)
+    at_once, threads = _clusters_at_once(shared, len(clusters.members))
+    taken = (at_once - 1) * cluster_bytes(len(dictionary.atoms))
+    spare = (shared.spare - taken) // at_once
 
     def work(cluster: int, stopped: Event) -> ClusterFit:
-        watches[cluster] = watch = setting.watch.one_of(at_once)
-        own = replace(setting, watch=watch, stopped=stopped)
-        return replace(checkpoint, watch=watch).once(
-            f"texels-{cluster:04d}",
-            ClusterFit,
-            lambda: _fit_cluster(own, cluster, members[cluster]),
+        contexts[cluster] = own = context.one_of(at_once)
+        stage = replace(shared, problem=replace(problem, context=own), spare=spare, stopped=stopped)
+        members = clusters.members[cluster]
+        return own.once(
+            f"texels-{cluster:04d}", ClusterFit, lambda: _fit_cluster(stage, cluster, members)
         )
 
     def done(cluster: int) -> None:
-        setting.watch.take(watches.pop(cluster))
-        advance(len(members[cluster]))
+        context.watch.take(contexts.pop(cluster).watch)
+        advance(len(clusters.members[cluster]))
 
-    watches: dict[int, Stopwatch] = {}
-    return side_by_side(work, range(len(members)), at_once, threads, done)
+    contexts: dict[int, Context] = {}
+    with context.progress.stage("select", btf.texel_count, "texels") as advance:
+        return side_by_side(work, range(len(clusters.members)), at_once, threads, done)
 
 
 def cluster_bytes(atoms: int) -> int:
@@ -141,64 +131,63 @@ def cluster_bytes(atoms: int) -> int:
     return cpu_block_bytes() + SELECT_BYTES * CPU_TEXELS * atoms
 
 
-def _clusters_at_once(setting: Setting, clusters: int) -> tuple[int, int]:
+def _clusters_at_once(stage: SelectStage, clusters: int) -> tuple[int, int]:
     """How many clusters are fit at once, and by how many threads each.
 
     As many as there are threads, or as memory allows: how many threads work on one does not depend
     on the memory, since sums must round the same. Processes that share every cluster keep step.
     """
-    threads, atoms = torch.get_num_threads(), setting.dictionary.atoms
-    if atoms.is_cuda or setting.ranks.size > 1:
+    threads, atoms = torch.get_num_threads(), stage.dictionary.atoms
+    if atoms.is_cuda or stage.problem.context.ranks.size > 1:
         return 1, threads
     wanted = min(threads, clusters)
-    room = 1 + max(0, setting.spare) // cluster_bytes(len(atoms))
+    room = 1 + max(0, stage.spare) // cluster_bytes(len(atoms))
     return min(wanted, room), threads // wanted
 
 
-def _fit_cluster(setting: Setting, cluster: int, texels: Tensor) -> ClusterFit:
-    dictionary, watch, ranks = setting.dictionary, setting.watch, setting.ranks
+def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit:
+    dictionary, config = stage.dictionary, stage.problem.config
+    context = stage.problem.context
     where = dictionary.choices[cluster].to(dictionary.atoms.device)
-    start, size = None, setting.config.select.pilot
+    start, size = None, config.select.pilot
     if size is not None and len(texels) > PILOTS * size:
-        some = _pilot(setting, cluster, texels, size)
-        start, needed = _problem(setting, some, where).pilot()
+        some = _pilot(context.generator(f"pilot-{cluster}"), texels, size)
+        start, needed = _cluster_problem(stage, some, where).pilot()
         used = torch.nonzero(needed).squeeze(1)
         where, start = where[used], start.of(used)
-    own = ranks.share(texels)
-    problem = _problem(setting, texels, where)
+    own = context.ranks.share(texels)
+    problem = _cluster_problem(stage, texels, where)
     fit = problem.solve(start)
-    with watch("residual"):
-        tally = _tally(setting, own, where, problem.products, fit)
-    index, weights = _joined([pair for part in ranks.gather(fit.on_cpu()) for pair in part])
+    with context.watch("residual"):
+        tally = _tally(stage, own, where, problem.products, fit)
+    index, weights = _joined([pair for part in context.ranks.gather(fit.on_cpu()) for pair in part])
     lobe = torch.where(index >= 0, where.cpu()[index.clamp(min=0)], -1)  # [n, M]
     weights = weights / dictionary.norm.cpu()[lobe.clamp(min=0)][..., None]
     return ClusterFit(lobe, weights, tally.code, tally.scale, tally.totals, tally.weighted)
 
 
-def _pilot(setting: Setting, cluster: int, texels: Tensor, size: int) -> Tensor:
+def _pilot(generator: torch.Generator, texels: Tensor, size: int) -> Tensor:
     """So many of a cluster's texels, at random."""
-    generator = stage_generator(setting.config.seed, f"pilot-{cluster}")
     order = torch.randperm(len(texels), generator=generator)
     return texels[order[:size].sort().values]
 
 
-def _problem(setting: Setting, texels: Tensor, where: Tensor) -> ClusterProblem:
+def _cluster_problem(stage: SelectStage, texels: Tensor, where: Tensor) -> ClusterProblem:
     """The fit of this rank's share of some texels of a cluster with the lobes `where [J]`."""
-    ranks, watch = setting.ranks, setting.watch
-    with watch("select"):
-        atoms = setting.dictionary.atoms[where]
-        products = _products(setting, ranks.share(texels), atoms, setting.weights)
-    return ClusterProblem(products, setting.config, watch, ranks)
+    problem, context = stage.problem, stage.problem.context
+    with context.watch("select"):
+        atoms = stage.dictionary.atoms[where]
+        own = context.ranks.share(texels)
+        products = _products(stage, own, atoms, problem.weights)
+    return ClusterProblem(products, problem.config, context)
 
 
-def _passes(
-    setting: Setting, texels: Tensor, device: torch.device, weights: Weights
-) -> tuple[Load, list[slice]]:
+def _passes(stage: SelectStage, texels: Tensor, weights: Weights) -> tuple[Load, list[slice]]:
     """How to load some of `texels`, scaled by weights, and in which blocks."""
-    btf = setting.btf
+    btf, device = stage.problem.btf, stage.problem.device
 
     def load(part: slice) -> Tensor:
-        if setting.stopped.is_set():
+        if stage.stopped.is_set():
             raise CancelledError
         return weights.signals(btf, texels[part], device)
 
@@ -206,41 +195,43 @@ def _passes(
 
 
 def _tally(
-    setting: Setting, texels: Tensor, where: Tensor, products: Products, fit: Solution
+    stage: SelectStage, texels: Tensor, where: Tensor, products: Products, fit: Solution
 ) -> Tally:
     """The residual and the errors of the fit of this rank's texels with atoms `where [J]`."""
-    atoms = setting.dictionary.atoms[where]
-    precision = PRECISIONS[setting.config.residual.precision]
-    if setting.weights.uniform:
+    problem, ranks = stage.problem, stage.problem.context.ranks
+    atoms = stage.dictionary.atoms[where]
+    precision = PRECISIONS[problem.config.residual.precision]
+    if problem.weights.uniform:
         errors = (fit.error, fit.taken)
-        tally = tally_uniform(products, atoms, fit.mean, errors, precision, setting.ranks)
-        passes = _passes(setting, texels, atoms.device, UNIFORM)
-        return exact_where_doubtful(tally, passes, fit.fits, atoms, setting.ranks)
-    raw, measured = setting.dictionary.raw[where], setting.weights.measured
+        tally = tally_uniform(products, atoms, fit.mean, errors, precision, ranks)
+        passes = _passes(stage, texels, UNIFORM)
+        return exact_where_doubtful(tally, passes, fit.fits, atoms, ranks)
+    raw, measured = stage.dictionary.raw[where], problem.weights.measured
     measured = None if measured is None else measured.to(raw.device)
     seen = raw if measured is None else raw * measured
-    plain = _products(setting, texels, seen, UNIFORM)
-    scale = setting.weights.scale(atoms.device)
-    weighted = WeightedTally(products, atoms, plain, raw, scale, measured, setting.gaps)
+    plain = _products(stage, texels, seen, UNIFORM)
+    scale = problem.weights.scale(atoms.device)
+    weighted = WeightedTally(products, atoms, plain, raw, scale, measured, stage.gaps)
     blocks = list(zip(selection_blocks(products), fit.fits, strict=True))
-    return weighted.tally(fit.mean, blocks, precision, setting.ranks)
+    return weighted.tally(fit.mean, blocks, precision, ranks)
 
 
-def _products(setting: Setting, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
+def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
     """The products of this rank's texels of a cluster, in blocks that fit the memory."""
-    btf = setting.btf
-    size = 4 * len(texels) * len(atoms) * btf.channels
-    if not setting.weights.uniform:
+    problem = stage.problem
+    channels = problem.btf.channels
+    size = 4 * len(texels) * len(atoms) * channels
+    if not problem.weights.uniform:
         size *= 2  # one with and one without weights
-    load, blocks = _passes(setting, texels, atoms.device, weights)
+    load, blocks = _passes(stage, texels, weights)
     return cluster_products(
         load,
         blocks,
-        (len(texels), btf.channels),
+        (len(texels), channels),
         atoms,
-        points=setting.points[texels] if setting.config.residual.joint else None,
-        in_memory=size <= setting.spare,
-        ranks=setting.ranks,
+        points=stage.points[texels] if problem.config.residual.joint else None,
+        in_memory=size <= stage.spare,
+        ranks=problem.context.ranks,
         importance=weights.of_texels(texels, atoms.device),
     )
 

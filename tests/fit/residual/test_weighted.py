@@ -7,15 +7,17 @@ import torch
 from torch import Tensor
 
 from spmm_torch import BTF
-from spmm_torch.config.fit import ClusterConfig, SampleConfig, SelectConfig, StagewiseConfig
+from spmm_torch.config.fit import FitConfig, SelectConfig, StagewiseConfig
 from spmm_torch.data.error_weights import Weights
 from spmm_torch.fit.cluster import cluster_texels, sample_texels
+from spmm_torch.fit.problem import Problem
 from spmm_torch.fit.residual.errors import WeightedTally
 from spmm_torch.fit.residual.missing import MissingPairs
 from spmm_torch.fit.select.products import cluster_products
 from spmm_torch.fit.select.texels import Fit, Products, select, target_beside_residual
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.model.residual import decode_residual
+from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.ranks import ALONE
 
 TEXELS, ATOMS, PAIRS, CHANNELS = 10, 6, 49, 3
@@ -162,14 +164,15 @@ def test_texels_without_weight_still_belong_somewhere() -> None:
     texel = torch.zeros(4, 5)
     texel[1:3] = 1.0
     weights = Weights.build(btf, texel=texel)
-    cpu, config = torch.device("cpu"), ClusterConfig(count=6)
-    clusters = cluster_texels(btf, config, generator, cpu, lambda _: None, weights=weights)
+    config = FitConfig.from_dict({"cluster": {"count": 6}, "sample": {"per_cluster": 2}})
+    problem = Problem(btf, weights, config, Context.build("cpu"))
+    clusters = cluster_texels(problem)
     assert clusters.points.isfinite().all()
     assert len(torch.cat(clusters.members)) == 20
     heavy = torch.unique(clusters.labels[5:15])
     assert len(heavy) >= 5  # nearly all centres are where errors count
-    samples, owners = sample_texels(clusters, SampleConfig(2), generator, weights)
-    assert torch.equal(clusters.labels[samples], owners)
+    samples = sample_texels(problem, clusters)
+    assert torch.equal(clusters.labels[samples.texels], samples.clusters)
 
 
 def test_missing_pairs_are_as_their_neighbours() -> None:

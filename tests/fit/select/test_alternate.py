@@ -9,8 +9,7 @@ import torch
 from spmm_torch import FitConfig
 from spmm_torch.fit.select.alternate import ClusterProblem
 from spmm_torch.fit.select.products import cluster_products
-from spmm_torch.runtime.ranks import ALONE
-from spmm_torch.runtime.stopwatch import Stopwatch
+from spmm_torch.runtime.context import Context
 
 ATOMS, USED, PAIRS, CHANNELS = 7, 4, 60, 3
 
@@ -29,7 +28,7 @@ def problem(texels: int, noise: float) -> ClusterProblem:
         atoms,
         points=values.flatten(1),
     )
-    return ClusterProblem(products, FitConfig(), Stopwatch(torch.device("cpu")), ALONE)
+    return ClusterProblem(products, FitConfig(), Context.build("cpu"))
 
 
 def test_rounding_does_not_cost_a_texel_its_lobes() -> None:

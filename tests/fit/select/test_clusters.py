@@ -4,20 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from io import StringIO
 
 import pytest
 import torch
 
 from spmm_torch import FitConfig
 from spmm_torch.data import Selection, load_btf, sample_path
+from spmm_torch.data.error_weights import UNIFORM
+from spmm_torch.fit.cluster import Clusters
 from spmm_torch.fit.dictionary import Dictionary
-from spmm_torch.fit.select import clusters as stage
-from spmm_torch.fit.select.clusters import ClusterFit, Setting, cluster_bytes, fit_texels
+from spmm_torch.fit.problem import Problem
+from spmm_torch.fit.select import clusters as module
+from spmm_torch.fit.select.clusters import ClusterFit, SelectStage, cluster_bytes, fit_texels
 from spmm_torch.geometry.directions import hemisphere_spiral
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
-from spmm_torch.runtime.checkpoint import Checkpoint
-from spmm_torch.runtime.ranks import ALONE
+from spmm_torch.runtime.context import Context
+from spmm_torch.runtime.progress import Progress
 from spmm_torch.runtime.stopwatch import Stopwatch
 from spmm_torch.runtime.threads import cpu_threads
 
@@ -32,7 +36,7 @@ def threads() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def setting() -> Setting:
+def stage() -> SelectStage:
     btf = load_btf(sample_path(), selection=Selection(texels=100, directions="0,30,60")).load()
     normal = hemisphere_spiral(LOBES)
     shape = torch.full((LOBES,), 2)  # Blinn-Phong
@@ -43,35 +47,39 @@ def setting() -> Setting:
     atoms = raw / norm[:, None]
     choices = [torch.arange(LOBES)] * CLUSTERS
     dictionary = Dictionary(lobes, atoms, norm, choices, raw)
-    points = btf.texels().flatten(1)
     config = FitConfig.from_dict({"select": {"pilot": 4}})
-    return Setting(btf, points, dictionary, config, Stopwatch(CPU), 1 << 30, ALONE)
+    problem = Problem(btf, UNIFORM, config, Context.build("cpu", memory=1 << 30))
+    return SelectStage(problem, btf.texels().flatten(1), dictionary, 1 << 30)
 
 
-def fits(setting: Setting) -> list[ClusterFit]:
-    members = list(torch.arange(setting.btf.texel_count).split(20))
-    assert len(members) == CLUSTERS
-    told: list[int] = []
-    found = fit_texels(setting, members, Checkpoint(setting.watch), told.append)
-    assert sum(told) == setting.btf.texel_count
+def fits(stage: SelectStage, spare: int, watch: Stopwatch) -> list[ClusterFit]:
+    """The fits of five clusters of 20 texels, with so much memory to spare."""
+    labels = torch.arange(stage.problem.btf.texel_count) // 20
+    log = StringIO()
+    context = Context.build("cpu", memory=spare, watch=watch, progress=Progress(log, interval=0.0))
+    problem = replace(stage.problem, context=context)
+    found = fit_texels(problem, Clusters.of_labels(stage.points, labels), stage.dictionary)
+    assert len(found) == CLUSTERS
+    assert "100 % (100 of 100 texels)" in log.getvalue()
     return found
 
 
-def test_memory_decides_how_many_at_once_and_changes_no_bit(setting: Setting) -> None:
+def test_memory_decides_how_many_at_once_and_changes_no_bit(stage: SelectStage) -> None:
     room = cluster_bytes(LOBES)
-    assert stage._clusters_at_once(replace(setting, spare=room), CLUSTERS) == (2, 1)
-    assert stage._clusters_at_once(replace(setting, spare=room - 1), CLUSTERS) == (1, 1)
-    assert stage._clusters_at_once(setting, 1) == (1, 2)
-    for one, other in zip(fits(setting), fits(replace(setting, spare=0)), strict=True):
+    assert module._clusters_at_once(replace(stage, spare=room), CLUSTERS) == (2, 1)
+    assert module._clusters_at_once(replace(stage, spare=room - 1), CLUSTERS) == (1, 1)
+    assert module._clusters_at_once(stage, 1) == (1, 2)
+    some, none = (fits(stage, spare, Stopwatch(CPU)) for spare in (1 << 30, 0))
+    for one, other in zip(some, none, strict=True):
         mine, theirs = one.to_tensors(), other.to_tensors()
         assert all(torch.equal(mine[name], theirs[name]) for name in mine)
 
 
-def test_seconds_are_those_of_a_clock(setting: Setting) -> None:
+def test_seconds_are_those_of_a_clock(stage: SelectStage) -> None:
     """Of two clusters at once each counts half, so stages add up to what passes."""
     watch = Stopwatch(CPU)
     with watch("total"):
-        fits(replace(setting, watch=watch))
+        fits(stage, 1 << 30, watch)
     stages = {name: spent for name, spent in watch.seconds.items() if name != "total"}
     assert set(stages) == {"select", "refit", "evaluate", "residual"}
     assert 0.0 < sum(stages.values()) <= watch.seconds["total"]

@@ -1,0 +1,41 @@
+"""Stage load: the plan told, values decoded, weights complete."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ..config.fit import FitConfig
+from ..data import BTF
+from ..data.cache import default_folder
+from ..data.error_weights import Weights
+from ..runtime.context import Context
+from .plan import estimate
+from .problem import Problem
+from .weighting import compressive_weights, given_weights
+
+
+def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None) -> Problem:
+    """The problem that the other stages solve.
+
+    Args:
+        btf: the input; its values are decoded here unless they are already.
+        config: of the fit.
+        context: of the run.
+        weights: how much errors count; None: as the settings say.
+
+    Raises:
+        DataError: the BTF cannot be decoded or is not valid.
+        ConfigError: the memory limit is too low.
+    """
+    weights = given_weights(btf, config.weights) if weights is None else weights
+    plan = estimate(btf, config, context.device)
+    budget = context.budget.needing(plan.working_bytes)
+    cache = context.cache or (None if context.ranks.size == 1 else default_folder())
+    cached = cache is not None
+    context.progress.say(plan.describe(budget, cached))
+    with context.watch("load"), context.progress.stage("load", len(btf.view), "views") as stage:
+        btf.load(stage.to, memory=budget.spare, cache=cache)
+    kept = plan.kept_bytes(budget, cached)
+    context = replace(context, budget=replace(budget, kept=kept), cache=cache)
+    compressive = compressive_weights(btf, config.weights.error, context.device, context.ranks)
+    return Problem(btf, weights.times(compressive), config, context)
