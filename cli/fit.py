@@ -10,7 +10,7 @@ from pathlib import Path
 from spmm_torch.cli.parser import STOPPED
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.schema import describe
-from spmm_torch.data import Selection, load_btf
+from spmm_torch.data import load_input
 from spmm_torch.errors import SPMMError
 from spmm_torch.evaluate import sphere_section
 from spmm_torch.fit import fit
@@ -124,16 +124,7 @@ def run_fit(options: argparse.Namespace) -> Path:
     config = replace(config, device=local_device(config.device))
     memory = parse_size(options.max_memory) if options.max_memory else None
     cache = Path(options.cache) if options.cache else None
-    data = config.data
-    btf = load_btf(
-        options.input,
-        gamma=data.gamma,
-        cosine=data.cosine,
-        negative=data.negative,
-        missing=data.missing,
-        selection=Selection(data.crop, data.texels, data.directions),
-        seed=config.seed,
-    )
+    btf = load_input(options.input, config.data, config.seed)
     weights = given_weights(btf, config.weights)
     depends_on = fingerprint(btf, config) | {"weights": weights.digest()}
     with (

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..config.fit import FitConfig
-from ..data import BTF, Selection, load_btf
+from ..data import BTF, load_input
 from ..errors import DataError
 from ..model.spmm import SPMM
 from ..report.contract import FILE_NAME as REPORT
@@ -64,11 +64,4 @@ def measured_input(run: Path, against: str | None) -> BTF | None:
         against = json.loads(report_file.read_text(encoding="utf-8")).get("input")
         if not against or not Path(against).exists():
             return None
-    data = config.data
-    return load_btf(
-        against,
-        gamma=data.gamma,
-        cosine=data.cosine,
-        selection=Selection(data.crop, data.texels, data.directions),
-        seed=config.seed,
-    )
+    return load_input(against, config.data, config.seed)

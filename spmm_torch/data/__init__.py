@@ -10,11 +10,13 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+from ..config.fit import DataConfig
 from ..errors import DataError
 from . import npz, picture_set, ubo2014
 from .btf import BTF
-from .options import DISPLAY_GAMMA, ReadOptions
+from .options import DEFAULT_OPTIONS, ReadOptions
 from .selection import Selection, select_part
 from .store import Progress
 from .writers import write_npz
@@ -26,6 +28,7 @@ __all__ = [
     "ReadOptions",
     "Selection",
     "load_btf",
+    "load_input",
     "sample_path",
     "select_part",
     "write_npz",
@@ -42,39 +45,37 @@ EXPECTED = (
 
 def load_btf(
     path: Path | str,
+    options: ReadOptions = DEFAULT_OPTIONS,
     *,
-    gamma: float = DISPLAY_GAMMA,
-    threads: int = 0,
-    cosine: str = "auto",
-    negative: str = "refuse",
-    missing: str = "refuse",
     selection: Selection | None = None,
     seed: int = 0,
+    **changes: Any,
 ) -> BTF:
     """Open a BTF of any known format; its values are decoded at first use.
 
     Args:
         path: a zip, folder, `.btf` or NPZ.
-        gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
-        threads: how many pictures are decoded at once; 0 = one for each core.
-        cosine: of the light: "included" in the values, "missing", or "auto": as a `.btf` says of
-            itself, included in all others.
-        negative: of values below zero, such as noise after dark-frame subtraction: "refuse" them,
-            "clip" them to zero, or "keep" them.
-        missing: pairs of directions without a picture: "refuse" them, or "mask" them; pictures
-            only.
+        options: how to read it.
         selection: the part to take; all of it by default.
         seed: of the choice of texels, where a selection asks for a number of them.
+        changes: fields of `ReadOptions` that differ from `options`: `load_btf(path, gamma=1.0)`.
 
     Raises:
         DataError: nothing there, no known format, or malformed.
         ConfigError: an option out of its range.
     """
-    options = ReadOptions(
-        gamma=gamma, threads=threads, cosine=cosine, negative=negative, missing=missing
-    )
-    btf = _read(path, options)
+    btf = _read(path, replace(options, **changes))
     return btf if selection is None else select_part(btf, selection, seed)
+
+
+def load_input(path: Path | str, settings: DataConfig, seed: int) -> BTF:
+    """The part of a BTF that the settings of a fit name, read as they say.
+
+    Raises:
+        DataError: nothing there, no known format, malformed, or without that part.
+    """
+    options, selection = ReadOptions.of(settings), Selection.of(settings)
+    return load_btf(path, options, selection=selection, seed=seed)
 
 
 def _read(path: Path | str, options: ReadOptions) -> BTF:

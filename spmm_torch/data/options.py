@@ -6,6 +6,7 @@ import math
 import os
 from dataclasses import dataclass
 
+from ..config.fit import DataConfig
 from ..errors import ConfigError
 
 # Exponent of display-encoded pictures.
@@ -57,6 +58,16 @@ class ReadOptions:
             value = getattr(self, name)
             if value not in choices:
                 raise ConfigError(f"{name} is {value!r}; expected one of {', '.join(choices)}.")
+
+    @classmethod
+    def of(cls, settings: DataConfig) -> ReadOptions:
+        """The options that the settings of a fit name."""
+        return cls(
+            gamma=settings.gamma,
+            cosine=settings.cosine,
+            negative=settings.negative,
+            missing=settings.missing,
+        )
 
     @property
     def thread_count(self) -> int:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..config.fit import DataConfig
 from ..errors import ConfigError, DataError
 from .btf import BTF
 
@@ -35,6 +36,11 @@ class Selection:
     crop: tuple[int, ...] | None = None
     texels: int | None = None
     directions: str | None = None
+
+    @classmethod
+    def of(cls, settings: DataConfig) -> Selection:
+        """The part that the settings of a fit name."""
+        return cls(settings.crop, settings.texels, settings.directions)
 
 
 def select_part(btf: BTF, selection: Selection, seed: int = 0) -> BTF:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..config.fit import FitConfig
-from ..data import BTF, Selection, load_btf
+from ..data import BTF, load_input
 from ..errors import DataError, OutputError
 from ..model.spmm import SPMM
 from ..report.contract import FILE_NAME as REPORT_FILE
@@ -81,16 +81,7 @@ def open_source(
             f"the input of {run}, {path}, does not exist; expected it where it was when the run "
             f"was made; name its place now with --against."
         )
-    data = config.data
-    btf = load_btf(
-        path,
-        gamma=data.gamma,
-        cosine=data.cosine,
-        negative=data.negative,
-        missing=data.missing,
-        selection=Selection(data.crop, data.texels),
-        seed=config.seed,
-    )
+    btf = load_input(path, replace(config.data, directions=None), config.seed)
     _check_size(btf, model, path, folder)
     views, lights = _seen(btf.view, model.view), _seen(btf.light, model.light)
     if views.sum() != len(model.view) or lights.sum() != len(model.light):
