@@ -25,8 +25,8 @@ from .pictures import ZIP_ERRORS, material_name, open_zip
 
 MEMBERS = ("values", "view", "light")
 LAYOUT = "values [V, L, H, W, 3] float16 or float32, view [V, 3] and light [L, 3]"
-# Deflate makes nothing smaller than by this factor.
-DEFLATE_RATIO = 1032
+# No content is larger than its stored bytes by more than this factor; other methods have no bound.
+LARGEST_RATIO = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}
 READ_ERRORS = (*ZIP_ERRORS, OSError, ValueError, KeyError)
 
 
@@ -72,9 +72,7 @@ def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
                 )
         with handle.open("values.npy") as stream:
             header = _read_header(stream)
-            needed = stream.tell() + math.prod(header.shape) * header.dtype.itemsize
-        if handle.getinfo("values.npy").file_size < needed:  # before anyone makes room for it
-            raise EOFError("the array ends early")
+            _check_size(handle.getinfo("values.npy"), header, stream.tell())
         return (
             header,
             _read_directions(handle, "view", path),
@@ -82,12 +80,23 @@ def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
         )
 
 
-def _check_size(member: zipfile.ZipInfo, header: ArrayHeader, path: Path) -> None:
-    """Before any memory is taken: whether the member can hold the array that its header names."""
-    claimed = math.prod(header.shape) * header.dtype.itemsize
-    most = min(member.compress_size, path.stat().st_size) * DEFLATE_RATIO
-    if claimed > min(member.file_size, most):
-        raise EOFError(f"{claimed} bytes of values cannot come from {member.compress_size} bytes")
+def _check_size(member: zipfile.ZipInfo, header: ArrayHeader, start: int) -> None:
+    """Checks, before any memory is taken, that a member can hold the array that its header names.
+
+    Args:
+        member: as the zip lists it; its sizes may lie.
+        header: of the array.
+        start: bytes in front of the values.
+
+    Raises:
+        EOFError: it cannot.
+    """
+    needed = start + math.prod(header.shape) * header.dtype.itemsize
+    most = LARGEST_RATIO.get(member.compress_type, math.inf) * member.compress_size
+    if needed > min(member.file_size, most):
+        raise EOFError(
+            f"the array ends early: {needed} bytes cannot come from {member.compress_size} bytes"
+        )
 
 
 def _read_directions(handle: zipfile.ZipFile, key: str, path: Path) -> np.ndarray:

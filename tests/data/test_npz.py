@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from pathlib import Path
 
@@ -208,6 +209,29 @@ def test_no_room_for_values_that_are_not_there(tmp_path: Path) -> None:
         target.writestr("values.npy", header.getvalue() + bytes(100))
     with pytest.raises(DataError, match="ends early"):
         load_btf(tmp_path / "b.npz")  # before anyone looks for the memory
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+def test_a_zip_that_lies_about_its_sizes_is_refused_at_once(tmp_path: Path, method: int) -> None:
+    """Directory and header agree on a size that the stored bytes cannot have."""
+    path = save(tmp_path / "a.npz", values=None)
+    shape = (2, 3, 2**9, 2**9, 3)
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "<f4", "fortran_order": False, "shape": shape}
+    )
+    content = header.getvalue() + bytes(64)
+    with zipfile.ZipFile(path, "a", method) as file:
+        file.writestr("values.npy", content)
+    claimed = len(header.getvalue()) + 4 * math.prod(shape)
+    entry = b"PK\x01\x02"  # of the central directory; the member's own is the last one
+    raw = bytearray(path.read_bytes())
+    size_field = raw.rindex(entry) + 24
+    assert int.from_bytes(raw[size_field : size_field + 4], "little") == len(content)
+    raw[size_field : size_field + 4] = claimed.to_bytes(4, "little")
+    path.write_bytes(raw)
+    with pytest.raises(DataError, match=f"{claimed} bytes cannot come from"):
+        load_btf(path)
 
 
 def test_read_only_arrays(tmp_path: Path) -> None:
