@@ -7,7 +7,6 @@ on there after a kill. Processes that want the same entry wait for the one that 
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import math
@@ -20,8 +19,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from filelock import FileLock, Timeout
+from platformdirs import user_cache_path
 
 from ..errors import OutputError
+from ..runtime.atomic import write_atomic
 from ..runtime.memory import slices
 
 # Part of every key: entries of another layout are never found.
@@ -29,9 +31,11 @@ LAYOUT_VERSION = 1
 # Texels that are written at once: a few hundred MB of mapped pages at most.
 WRITTEN_TEXELS = 1 << 12
 # Of the files of an entry; whoever holds the last one may touch the others.
-SUFFIXES = (".npy", ".npy.part", ".json", ".json.part", ".lock")
+SUFFIXES = (".npy", ".npy.part", ".json", ".lock")
 KEY_BYTES = 20
 ENTRY_FILE = re.compile(rf"([0-9a-f]{{{2 * KEY_BYTES}}})({'|'.join(map(re.escape, SUFFIXES))})")
+# A file of an entry under the name that it has until it is whole: left behind by a kill only.
+UNFINISHED_FILE = re.compile(rf"\.{ENTRY_FILE.pattern}\.\d+\.tmp")
 HASH_BLOCK = 1 << 22
 # What `st_blocks` counts.
 BLOCK_BYTES = 512
@@ -39,8 +43,7 @@ BLOCK_BYTES = 512
 
 def default_folder() -> Path:
     """The user's own cache folder for this program."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "spmm_torch"
+    return user_cache_path("spmm_torch")
 
 
 def entry_key(parts: Iterable[object]) -> str:
@@ -91,8 +94,11 @@ def clear(folder: Path | None = None) -> tuple[int, int]:
     count = freed = 0
     try:
         for key in _keys(folder) if folder.is_dir() else ():
-            with suppress(BlockingIOError), _locked(folder / f"{key}.lock", fcntl.LOCK_NB):
-                for path in (folder / f"{key}{suffix}" for suffix in SUFFIXES):
+            with suppress(Timeout), FileLock(folder / f"{key}.lock", blocking=False):
+                for path in (
+                    *folder.glob(f".{key}.*.tmp"),
+                    *(folder / f"{key}{s}" for s in SUFFIXES),
+                ):
                     if path.exists():
                         freed += path.stat().st_blocks * BLOCK_BYTES  # of reserved ones, too
                         path.unlink()
@@ -106,31 +112,9 @@ def clear(folder: Path | None = None) -> tuple[int, int]:
 
 def _keys(folder: Path) -> list[str]:
     """The entries of a folder, which may hold other files as well."""
-    found = (ENTRY_FILE.fullmatch(path.name) for path in folder.iterdir())
+    names = [path.name for path in folder.iterdir()]
+    found = [kind.fullmatch(name) for kind in (ENTRY_FILE, UNFINISHED_FILE) for name in names]
     return sorted({match[1] for match in found if match})
-
-
-@contextmanager
-def _locked(path: Path, flags: int = 0) -> Iterator[None]:
-    """Holds a lock file, which `clear` may remove while others wait for it.
-
-    Raises:
-        BlockingIOError: another process holds it and `flags` say not to wait.
-    """
-    while True:
-        with path.open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX | flags)
-            if _is_at(path, lock.fileno()):
-                yield
-                return
-
-
-def _is_at(path: Path, descriptor: int) -> bool:
-    """Whether an open file still has its name."""
-    try:
-        return os.path.samefile(path, descriptor)
-    except FileNotFoundError:
-        return False
 
 
 @dataclass
@@ -169,7 +153,7 @@ class CacheEntry:
         with ExitStack() as stack:
             with entry._output_errors():
                 entry.folder.mkdir(parents=True, exist_ok=True)
-                stack.enter_context(_locked(entry.folder / f"{key}.lock"))
+                stack.enter_context(FileLock(entry.folder / f"{key}.lock"))
                 entry._find()
             yield entry
 
@@ -255,15 +239,13 @@ class CacheEntry:
         """
         pairs = slice(first_pair, first_pair + codes.shape[1])
         facts = {"source": self.where, "views_done": views_done, "highest": highest}
-        temporary = self._facts.with_suffix(".json.part")
         with self._output_errors():
             for block in slices(len(codes), WRITTEN_TEXELS):
                 # Mapped anew for every block, so that its pages do not stay in memory.
                 np.lib.format.open_memmap(self._part, mode="r+")[block, pairs] = codes[block]
             with self._part.open("rb") as file:
                 os.fsync(file.fileno())  # a power cut must not leave the note without the band
-            temporary.write_text(json.dumps(facts), encoding="utf-8")
-            os.replace(temporary, self._facts)
+            write_atomic(self._facts, json.dumps(facts).encode())
         self.views_done, self.highest = views_done, highest
 
     def finish(self) -> None:

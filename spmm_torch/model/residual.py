@@ -88,10 +88,6 @@ class Residual(nn.Module):
         weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]
         return pair.flatten(1), weight.flatten(1)
 
-    def at_pair(self, view: int, light: int) -> Tensor:
-        """The stored values `[K, C]` of one measured pair."""
-        return self.code[:, view, light].to(self.scale.dtype) * self.scale[:, None]
-
 
 def _merged(cluster: Tensor, share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """(query `[E]`, column `[E]`, share `[E]`) of clusters `[Q, M]`, each of a query once.

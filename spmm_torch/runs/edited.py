@@ -9,7 +9,7 @@ from pathlib import Path
 import torch
 import yaml
 
-from ..runtime.atomic import new_folder
+from ..runtime.atomic import new_folder, write_atomic
 from ..edit import Script
 from ..edit.script import map_paths
 from ..errors import OutputError
@@ -18,7 +18,7 @@ from ..report import write_report
 from ..report.contract import FILE_NAME, Report
 from ..report.edited import edited_report, write_edited_html
 from .folder import CONFIG, REPORT_PAGE
-from ..runtime.tensor_file import MODEL_FILE, write_atomic
+from ..runtime.tensor_file import MODEL_FILE
 
 EDITS, MASKS = "edits.yaml", "masks"
 

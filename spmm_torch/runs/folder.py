@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import json
 import os
 import shutil
@@ -11,6 +10,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
+
+from filelock import FileLock, Timeout
 
 from .. import __version__
 from ..config.fit import FitConfig
@@ -20,7 +21,8 @@ from ..model.spmm import SPMM
 from ..runtime.ranks import ALONE, Ranks
 from ..report import Report, write_html, write_report
 from ..report.markup import Markup
-from ..runtime.tensor_file import MODEL_FILE, write_atomic
+from ..runtime.atomic import write_atomic
+from ..runtime.tensor_file import MODEL_FILE
 
 CONFIG, LOG, REPORT_PAGE = "config.yaml", "log.txt", "report.html"
 # Inside of the folder while it is made: finished stages, what they depend on, and a lock.
@@ -97,8 +99,7 @@ def _begin(
         _check_free(target)
         held.callback(_remove_empty, [parent for parent in target.parents if not parent.exists()])
         folder.mkdir(parents=True, exist_ok=True)
-        lock = held.enter_context((folder / LOCK).open("w"))
-        _take(lock.fileno(), target)
+        _hold(held, folder / LOCK, target)
         held.callback(_remove_worthless, folder)
         _check_free(target)  # the process that held the lock may have finished it
         if _has_state(folder):
@@ -118,10 +119,10 @@ def _check_free(target: Path) -> None:
         )
 
 
-def _take(lock: int, target: Path) -> None:
+def _hold(held: ExitStack, lock: Path, target: Path) -> None:
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
+        held.enter_context(FileLock(lock, blocking=False))
+    except Timeout as error:
         raise OutputError(
             f"another process is making the run {target}; wait for it, or choose another name."
         ) from error

@@ -16,21 +16,41 @@ TIMESTAMP = (1980, 1, 1, 0, 0, 0)
 
 
 @contextmanager
-def new_file(path: Path | str) -> Iterator[Path]:
+def replacing(path: Path) -> Iterator[Path]:
     """A temporary name beside `path`, renamed to it at the end; an old file there is replaced.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    temporary = _temporary(path)
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_file(path: Path | str) -> Iterator[Path]:
+    """As `replacing`, with one sentence for people in place of the system's error.
 
     Raises:
         OutputError: the file cannot be written.
     """
     target = Path(path)
-    temporary = _temporary(target)
-    try:
-        with _output_errors(target):
-            yield temporary
-            os.replace(temporary, target)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with _output_errors(target), replacing(target) as temporary:
+        yield temporary
+
+
+def write_atomic(path: Path, content: bytes) -> None:
+    """Writes a whole file or none.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..errors import OutputError
 from . import tensor_file
+from .atomic import write_atomic
 from .ranks import ALONE, Ranks
 from .stopwatch import Stopwatch
 
@@ -72,7 +73,7 @@ class Checkpoint:
             return
         tensors = {k: v.clone() for k, v in result.to_tensors().items()}  # none shares memory
         content = tensor_file.pack(tensors, {SECONDS: json.dumps(spent)})
-        tensor_file.write_atomic(self.folder / f"{name}.safetensors", content)
+        write_atomic(self.folder / f"{name}.safetensors", content)
 
     def _read(self, name: str) -> tuple[dict[str, Tensor], dict[str, float]] | None:
         """What an earlier process kept; None also where a fault of the disk has damaged it."""

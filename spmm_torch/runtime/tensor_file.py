@@ -1,9 +1,8 @@
-"""Files of named tensors: versioned safetensors, never pickle, written whole or not at all."""
+"""Files of named tensors: versioned safetensors, never pickle."""
 
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import safetensors
@@ -41,17 +40,6 @@ def _in_order(content: bytes) -> bytes:
     text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % HEADER_START)  # tensors stay aligned
     return len(text).to_bytes(HEADER_START, "little") + text + content[start:]
-
-
-def write_atomic(path: Path, content: bytes) -> None:
-    """Writes a file whole: under another name first, then renamed."""
-    temporary = path.with_name(path.name + ".part")
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, path)
-    except OSError:
-        temporary.unlink(missing_ok=True)  # a full disk needs the room
-        raise
 
 
 def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor], dict[str, str]]:

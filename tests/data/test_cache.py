@@ -185,7 +185,7 @@ def test_clear(new_format: NewFormat, folder: Path, killed: type[BaseException])
     new_format(seed=1).open(cache=folder)
     with pytest.raises(killed):
         new_format(seed=2, dies_at=3).open(cache=folder, memory=1)
-    (folder / f"{KEY}.json.part").write_bytes(b"killed while noting")
+    (folder / f".{KEY}.json.7.tmp").write_bytes(b"killed while noting")
     foreign = [folder / "values.npy", folder / "notes.json", folder / f"{KEY}.txt"]
     for path in foreign:
         path.write_bytes(b"not ours")

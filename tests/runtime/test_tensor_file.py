@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spmm_torch.errors import OutputError
-from spmm_torch.runtime import tensor_file
+from spmm_torch.runtime import atomic, tensor_file
+from spmm_torch.runtime.atomic import write_atomic
 
 TENSORS = {
     "a.half": torch.arange(6, dtype=torch.float16).view(2, 3),
@@ -29,7 +30,7 @@ def write(path: Path, content: bytes) -> Path:
 
 def test_round_trip(tmp_path: Path) -> None:
     content = tensor_file.pack(TENSORS, {"name": "wool · felt"})
-    tensor_file.write_atomic(tmp_path / tensor_file.MODEL_FILE, content)
+    write_atomic(tmp_path / tensor_file.MODEL_FILE, content)
     for place in (tmp_path, str(tmp_path), tmp_path / tensor_file.MODEL_FILE):
         tensors, metadata = tensor_file.read(place, "cpu")
         assert metadata["name"] == "wool · felt"
@@ -105,9 +106,9 @@ def test_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.Mon
     def fail(*_: object) -> None:
         raise OSError("disk full")
 
-    monkeypatch.setattr(tensor_file.os, "replace", fail)
+    monkeypatch.setattr(atomic.os, "replace", fail)
     with pytest.raises(OSError, match="disk full"):
-        tensor_file.write_atomic(path, b"new")
+        write_atomic(path, b"new")
     assert path.read_bytes() == b"old"
 
 

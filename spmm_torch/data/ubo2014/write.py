@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -14,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ...errors import ConfigError, DataError, OutputError
+from ...errors import ConfigError, DataError
+from ...runtime.atomic import new_file
 from ..btf import BTF
 from ..store import Progress
 from .colour import LOG_YUV, RGB
@@ -122,7 +121,7 @@ def write_factors(
         )
     if not all(len(part.singular_values) for part in factors):
         raise DataError("factors without a component were given to write; expected 1 or more.")
-    with _replacing(Path(path)) as stream:
+    with new_file(path) as temporary, temporary.open("wb") as stream:
         stream.write(header_bytes(header))
         if header.variant == DFMF:
             most = max(len(part.singular_values) for part in factors)
@@ -131,24 +130,6 @@ def write_factors(
             stream.write(extension_bytes(header))
         for part in factors:
             _write_factorization(stream, header, part, SCALARS[scalar])
-
-
-@contextmanager
-def _replacing(destination: Path) -> Iterator[BinaryIO]:
-    """A new file that takes its name only once it is complete."""
-    temporary = destination.with_name(f".{destination.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as stream:
-            yield stream
-        os.replace(temporary, destination)
-    except OSError as error:
-        raise OutputError(
-            f"{destination} cannot be written ({error}); expected a writable folder with enough "
-            f"space; choose another place."
-        ) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def _angles(directions: Tensor) -> np.ndarray:
