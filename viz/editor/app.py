@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import fields
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from ...errors import SPMMError
 from ...runtime.device import full_precision
 from .drawing import Drawing
 from .lobe_cache import Stopped
-from .page import build_page
+from .page import Callbacks, build_page
 from .preview import SIZE, Preview, jpeg_uri, png_uri
 from .session import Session
 from .sliders import SLIDERS
@@ -65,7 +66,7 @@ class EditorApp:
         self.changed = asyncio.Event()
         self._fill_state(save_name)
         self._connect()
-        build_page(self)
+        build_page(self.server, self._callbacks())
 
     def run(self, host: str, port: int, open_browser: bool) -> None:
         """Serves the page until the process is stopped."""
@@ -144,6 +145,9 @@ class EditorApp:
         where = "the whole texture" if session.mask is None else "the selection"
         state.selected = f"Edits of {where}"
         state.slice_image = png_uri(self.drawing.picture())
+
+    def _callbacks(self) -> Callbacks:
+        return Callbacks(**{each.name: getattr(self, each.name) for each in fields(Callbacks)})
 
     def _fill_state(self, save_name: str) -> None:
         """Everything that the page names, before it is built."""

@@ -1,17 +1,16 @@
-"""The page of the editor: what stands where; `app` gives it its state and answers."""
+"""The page of the editor: what stands where, and which callback each control has."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 from ..html import css
 from ..palette import LINE, PAGE, QUIET, TEXT
 from .drawing import TOOLS
 from .sliders import SLIDERS
 from .stage import MAX_REPEAT, SHAPES
-
-if TYPE_CHECKING:
-    from .app import EditorApp
 
 # Angles of light and view: key, title, low, high.
 ANGLES = (
@@ -57,40 +56,59 @@ pre.script {{ white-space: pre-wrap; overflow-wrap: anywhere; margin: 0; font-si
 """
 
 
-def build_page(app: EditorApp) -> None:
-    """Fills the main template of the app's server."""
+@dataclass(frozen=True)
+class Callbacks:
+    """What the controls of the page call.
+
+    Attributes:
+        undo, redo, reset, save, add: the buttons of these names.
+        release: the end of a slider's move.
+        choose_tool: takes the name of the tool.
+    """
+
+    undo: Callable[[], None]
+    redo: Callable[[], None]
+    reset: Callable[[], None]
+    save: Callable[[], None]
+    add: Callable[[], None]
+    release: Callable[[], None]
+    choose_tool: Callable[[str], None]
+
+
+def build_page(server: Any, callbacks: Callbacks) -> None:
+    """Fills the main template of a trame server."""
     from trame.ui.vuetify3 import VAppLayout
     from trame.widgets import client, html
 
-    with VAppLayout(app.server):
+    with VAppLayout(server):
         client.Style(STYLE)
         with html.Div(classes="editor"):
-            _bar(app)
+            _bar(callbacks)
             with html.Div(classes="columns"):
                 with html.Div():
                     _pictures()
                     with html.Div(classes="lower"):
-                        _selection(app)
+                        _selection(callbacks)
                         _setting()
                 with html.Div():
-                    _sliders(app)
+                    _sliders(callbacks)
                     _script()
 
 
-def _bar(app: EditorApp) -> None:
+def _bar(callbacks: Callbacks) -> None:
     """Title, history, and saving."""
     from trame.widgets import html
 
     with html.Div(classes="bar"):
         html.H1("{{ title }}")
         html.Div(classes="space")
-        html.Button("Undo", id="undo", click=app.undo, disabled=("!can_undo",))
-        html.Button("Redo", id="redo", click=app.redo, disabled=("!can_redo",))
-        html.Button("Reset", id="reset", click=app.reset, disabled=("!script",))
+        html.Button("Undo", id="undo", click=callbacks.undo, disabled=("!can_undo",))
+        html.Button("Redo", id="redo", click=callbacks.redo, disabled=("!can_redo",))
+        html.Button("Reset", id="reset", click=callbacks.reset, disabled=("!script",))
         html.Input(
             type="text", id="save_name", v_model=("save_name",), placeholder="folder to save as"
         )
-        html.Button("Save", id="save", click=app.save, disabled=("!save_name",))
+        html.Button("Save", id="save", click=callbacks.save, disabled=("!save_name",))
     html.Div("{{ message }}", id="message", classes=("wrong ? 'message wrong' : 'message'",))
 
 
@@ -105,7 +123,7 @@ def _pictures() -> None:
                 html.Img(src=(f"{key}_image",), id=key, alt=title)
 
 
-def _selection(app: EditorApp) -> None:
+def _selection(callbacks: Callbacks) -> None:
     """The texture, on which a part is selected."""
     from trame.widgets import html
 
@@ -116,7 +134,7 @@ def _selection(app: EditorApp) -> None:
                 html.Button(
                     tool,
                     id=f"tool_{tool}",
-                    click=(app.choose_tool, f"['{tool}']"),
+                    click=(callbacks.choose_tool, f"['{tool}']"),
                     classes=(f"tool === '{tool}' ? 'on' : ''",),
                 )
         html.Img(
@@ -153,7 +171,7 @@ def _setting() -> None:
         _row("Repeat", "repeat", 1, MAX_REPEAT, 1, "×")
 
 
-def _sliders(app: EditorApp) -> None:
+def _sliders(callbacks: Callbacks) -> None:
     """All sliders, and a line for edits that have none."""
     from trame.widgets import html
 
@@ -168,7 +186,7 @@ def _sliders(app: EditorApp) -> None:
                 slider.step,
                 slider.unit,
                 disabled=(f"!usable.{slider.name}",),
-                end=app.release,
+                end=callbacks.release,
             )
         html.H2("Any other edit, as scripts write it", style="margin-top: 14px")
         with html.Div(classes="bar", style="margin: 0; flex-wrap: nowrap"):
@@ -179,7 +197,7 @@ def _sliders(app: EditorApp) -> None:
                 placeholder="replace_model: {name: ward}",
                 style="flex: 1",
             )
-            html.Button("Add", id="add", click=app.add, disabled=("!typed",))
+            html.Button("Add", id="add", click=callbacks.add, disabled=("!typed",))
 
 
 def _script() -> None:
