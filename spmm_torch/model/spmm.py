@@ -22,6 +22,7 @@ from ..runtime.device import full_precision
 from . import sampling
 from .lookup import TexelBlocks, blocks_met
 from .residual import Residual
+from .stored_models import loaded_kappa, loaded_models, stored_kappa, stored_names
 
 # (query, lobe) entries that are evaluated at once: some MB, which stay in the caches of a CPU.
 BLOCK_ENTRIES = 1 << 18
@@ -107,13 +108,14 @@ class SPMM(nn.Module):
 
     def to_tensors(self) -> tuple[dict[str, Tensor], dict[str, str]]:
         """Everything that a reader needs, in compact types: (tensors, metadata)."""
+        names = stored_names(self.lobe_model)
         tensors = {
             "weights.count": tensor_file.narrow(self.lobe_count_per_texel()),
             "weights.index": tensor_file.narrow(self.index),
             "weights.weight": self.weight,
             "weights.label": tensor_file.narrow(self.labels),
             "dictionary.model": tensor_file.narrow(self.lobe_model),
-            "dictionary.kappa": self.kappa,
+            "dictionary.kappa": stored_kappa(self.kappa, names),
             "dictionary.normal": self.normal,
             "dictionary.angle": self.angle,
             "residual.code": self.residual.code,
@@ -122,16 +124,16 @@ class SPMM(nn.Module):
             "directions.view": self.view,
         }
         size = {"height": str(self.height), "width": str(self.width)}
-        return tensors, {"name": self.name, "models": json.dumps(MODEL_NAMES), **size}
+        return tensors, {"name": self.name, "models": json.dumps(names), **size}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor], metadata: dict[str, str]) -> SPMM:
         """The model of `to_tensors`; BRDFs are found by their names."""
-        names = json.loads(metadata["models"])
-        place = torch.tensor([MODEL_NAMES.index(name) for name in names])
         lobes = LobeBatch(
-            place[tensors["dictionary.model"].cpu().long()],
-            *(tensors[f"dictionary.{part}"] for part in ("kappa", "normal", "angle")),
+            loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
+            loaded_kappa(tensors["dictionary.kappa"]),
+            tensors["dictionary.normal"],
+            tensors["dictionary.angle"],
         )
         count = tensors["weights.count"].long()
         offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
