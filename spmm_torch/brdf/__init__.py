@@ -22,6 +22,7 @@ CLASSES: dict[str, str] = {
     "lafortune": "lafortune.Lafortune",
     "ashikhmin_shirley": "ashikhmin_shirley.AshikhminShirley",
     "ward_duer": "ward.WardDuer",
+    "ggx": "ggx.GGX",
 }
 MODEL_NAMES: tuple[str, ...] = tuple(CLASSES)
 # The seven of the paper are what a fit uses by default. All others are options, so that a new
