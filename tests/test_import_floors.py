@@ -17,8 +17,8 @@ SOURCES = {"spmm_torch": "spmm_torch", "cli": "spmm_torch.cli", "viz": "spmm_tor
 # spmm_torch/__init__.py, which re-exports what lies below it.
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "metrics", "geometry"}),
-    frozenset({"config", "runtime", "brdf"}),
-    frozenset({"solvers", "data", "lobes"}),
+    frozenset({"runtime", "brdf"}),
+    frozenset({"config", "solvers", "data", "lobes"}),
     frozenset({"model", "synthesize"}),
     frozenset({"__init__"}),
     frozenset({"render", "edit"}),

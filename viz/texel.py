@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..brdf import REGISTRY
+from ..brdf import MODEL_NAMES, REGISTRY
 from ..errors import ConfigError
 from ..lobes.batch import LobeBatch
 from ..model.spmm import SPMM
@@ -79,11 +79,10 @@ def lobe_text(texel: TexelLobes, number: int) -> str:
     weight = " ".join(f"{x:.3g}" for x in texel.weight[number].tolist())
     values = zip(brdf.parameters, texel.lobes.kappa[number].tolist(), strict=False)
     kappa = ", ".join(f"{row.name} {value:.3g}" for row, value in values)
-    name = model_title(brdf.name)
     normal = angles_text(texel.lobes.normal[number])
-    return f"{name}   weight {weight}   normal {normal}" + (f"   {kappa}" if kappa else "")
+    return f"{brdf.title}   weight {weight}   normal {normal}" + (f"   {kappa}" if kappa else "")
 
 
 def model_title(name: str) -> str:
     """`Blinn-Phong` of `blinn_phong`."""
-    return name.replace("_", "-").title()
+    return REGISTRY[MODEL_NAMES.index(name)].title

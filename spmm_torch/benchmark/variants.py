@@ -7,7 +7,8 @@ from importlib.resources import files
 
 import yaml
 
-from ..config.fit import MODELS, FitConfig
+from ..brdf import PAPER_MODELS
+from ..config.fit import FitConfig
 
 DEFAULT = "default"
 # Settings that ship as configs/NAME.yaml, in the order of the tables.
@@ -59,7 +60,7 @@ VARIANTS: tuple[Variant, ...] = (
     _models("lambertian", "blinn_phong"),
     _models("lambertian", "ward"),
     _models("lambertian", "cook_torrance"),
-    _models(*(name for name in MODELS if name != "lafortune")),
+    _models(*(name for name in PAPER_MODELS if name != "lafortune")),
     *_each("precision", "residual.precision", "float32"),
     *_each("residual", "residual.joint", "false"),
     *_each("residual", "residual.alternations", 1),

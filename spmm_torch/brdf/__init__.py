@@ -1,29 +1,52 @@
-"""The registry of analytical BRDFs [WDR11 §3.1]. A new one is one file and one line here."""
+"""The registry of analytical BRDFs [WDR11 §3.1]. A new one is one file and one line in `CLASSES`.
+
+The names are there without importing torch, for settings and help texts; the models are imported
+when they are first asked for.
+"""
 
 from __future__ import annotations
 
-from .ashikhmin_shirley import AshikhminShirley
-from .base import BRDF, Parameter
-from .blinn_phong import BlinnPhong
-from .cook_torrance import CookTorrance
-from .lafortune import Lafortune
-from .lambertian import Lambertian
-from .oren_nayar import OrenNayar
-from .ward import Ward
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-REGISTRY: tuple[BRDF, ...] = (
-    Lambertian(),
-    OrenNayar(),
-    BlinnPhong(),
-    Ward(),
-    CookTorrance(),
-    Lafortune(),
-    AshikhminShirley(),
-    Ward("ward_duer", duer=True),
-)
-MODEL_NAMES: tuple[str, ...] = tuple(model.name for model in REGISTRY)
-# The seven of the paper; the rest of the registry are options.
+if TYPE_CHECKING:
+    from .base import BRDF, Parameter
+
+# Module and class of each model. Its place is its index in memory: add at the end.
+CLASSES: dict[str, str] = {
+    "lambertian": "lambertian.Lambertian",
+    "oren_nayar": "oren_nayar.OrenNayar",
+    "blinn_phong": "blinn_phong.BlinnPhong",
+    "ward": "ward.Ward",
+    "cook_torrance": "cook_torrance.CookTorrance",
+    "lafortune": "lafortune.Lafortune",
+    "ashikhmin_shirley": "ashikhmin_shirley.AshikhminShirley",
+    "ward_duer": "ward.WardDuer",
+    "ggx": "ggx.GGX",
+}
+MODEL_NAMES: tuple[str, ...] = tuple(CLASSES)
+# The seven of the paper are what a fit uses by default. All others are options, so that a new
+# model changes nobody's fit.
 PAPER_MODELS: tuple[str, ...] = MODEL_NAMES[:7]
-MAX_PARAMETERS: int = max(len(model.parameters) for model in REGISTRY)
+
+REGISTRY: tuple[BRDF, ...]
+MAX_PARAMETERS: int
 
 __all__ = ["MAX_PARAMETERS", "MODEL_NAMES", "PAPER_MODELS", "REGISTRY", "BRDF", "Parameter"]
+
+
+def __getattr__(name: str) -> Any:
+    """What needs the models themselves, at first use."""
+    if name in ("REGISTRY", "MAX_PARAMETERS"):
+        models = tuple(_model(place) for place in CLASSES.values())
+        widest = max(len(model.parameters) for model in models)
+        globals().update(REGISTRY=models, MAX_PARAMETERS=widest)
+        return globals()[name]
+    if name in ("BRDF", "Parameter"):
+        return getattr(import_module(".base", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _model(place: str) -> BRDF:
+    module, _, kind = place.rpartition(".")
+    return getattr(import_module(f".{module}", __name__), kind)()

@@ -9,6 +9,9 @@ from torch import Tensor
 
 from ..geometry.warp import square_to_ashikhmin_shirley, square_to_ashikhmin_shirley_pdf
 from .base import (
+    BRDF,
+    EXPONENTS,
+    NARROW_EXPONENTS,
     Parameter,
     above_horizon,
     exp_of_negative,
@@ -22,7 +25,7 @@ from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 PLANAR_EPS = 1e-12
 
 
-class AshikhminShirley:
+class AshikhminShirley(BRDF):
     """The specular term of Ashikhmin and Shirley [AS00, §2].
 
     f_r = sqrt((nu + 1)(nv + 1)) / (8 pi) (n.h)^(nu cos^2 phi_h + nv sin^2 phi_h)
@@ -34,7 +37,11 @@ class AshikhminShirley:
     | f0 | 0.01 to 1 | reflectance at normal incidence |
     """
 
-    name = "ashikhmin_shirley"
+    name, title = "ashikhmin_shirley", "Ashikhmin-Shirley"
+    references = (
+        "M. Ashikhmin, P. Shirley, An Anisotropic Phong BRDF Model, journal of graphics tools "
+        "5(2), 25-32, 2000.",
+    )
     parameters = (
         Parameter(
             "exponent_x", 0.1, 1e4, "log", "sharpness, tangent", lambda width: 2.0 / width**2
@@ -44,8 +51,11 @@ class AshikhminShirley:
         ),
         Parameter("f0", 0.01, 1.0, "linear", "reflectance at normal incidence"),
     )
+    shapes = tuple((n, n, 0.04) for n in EXPONENTS)
+    peak_shapes = tuple((n, n, 0.2) for n in NARROW_EXPONENTS)
     anisotropic = True
     reciprocal = True
+    largest_weight = 2.0
 
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r in 1/sr; see `BRDF.eval`."""

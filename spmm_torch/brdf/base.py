@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -16,6 +16,12 @@ INV_PI = 1.0 / math.pi
 COS_EPS = 1e-3
 # Leaves room for the factors of a lobe above the smallest normal number.
 EXPONENT_MARGIN = 7.0
+# Widths that models are searched from, about a factor of two apart: the search bridges that gap.
+EXPONENTS = (4.0, 16.0, 64.0, 256.0)
+SLOPES = (0.1, 0.2, 0.4, 0.7)
+# About as narrow as a measured direction stands for.
+NARROW_EXPONENTS = (256.0, 1000.0)
+NARROW_SLOPES = (0.03, 0.06)
 
 
 @dataclass(frozen=True)
@@ -28,8 +34,8 @@ class Parameter:
         scale: `"linear"`, or `"log"` where ratios matter; the search moves on this scale.
         meaning: what it does, with its unit.
         from_width: for a parameter that sets the width of the lobe, its value for a lobe of
-            given angular width (radians, root mean square slope of the half vector); None for
-            the others.
+            given width, a power law; None for the others. The width is the slope of the half
+            vector (tangent of its angle) at which a lobe seen along the normal has fallen to 1/e.
     """
 
     name: str
@@ -52,32 +58,51 @@ class Parameter:
         return self.low + unit * (self.high - self.low)
 
 
-class BRDF(Protocol):
-    """An analytical BRDF in its local frame, where z is the normal and x the tangent."""
+class BRDF(ABC):
+    """An analytical BRDF in its local frame, where z is the normal and x the tangent.
+
+    Attributes:
+        name: in settings and model files, as in the registry.
+        title: in pictures and pages.
+        references: sources in full: authors, title, venue, year; that of the model first.
+        parameters: the table of kappa, P rows.
+        shapes: kappa of the lobes that every search starts from.
+        peak_shapes: kappa of narrow lobes, tried only where values peak; for some models.
+        anisotropic: whether it has a tangent. Its first two parameters are then the widths along
+            tangent and bitangent.
+        reciprocal: whether wi and wo may change places.
+        largest_weight: bound of f_r cos_theta_i / pdf over samples at views of up to 85 degrees;
+            1 for a sampler that follows its lobe.
+    """
 
     name: str
+    title: str
+    references: tuple[str, ...]
     parameters: tuple[Parameter, ...]
+    shapes: tuple[tuple[float, ...], ...]
+    peak_shapes: tuple[tuple[float, ...], ...] = ()
     anisotropic: bool
     reciprocal: bool
+    largest_weight: float = 1.0
 
+    @abstractmethod
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r without the cosine, in 1/sr: kappa `[..., P]`, wi and wo `[..., 3]` -> `[...]`.
 
         Leading dimensions broadcast. The value is 0 where wi or wo is under the horizon; values
         and gradients are finite everywhere.
         """
-        ...
 
+    @abstractmethod
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """wi `[..., 3]` drawn by `u [..., 3]` in [0, 1): u[0] for choices, the others for angles.
 
         wo is above the horizon; wi may fall under it, where the value is 0.
         """
-        ...
 
+    @abstractmethod
     def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """Density `[...]` of `sample` at wi, in 1/sr; it integrates to 1 over the whole sphere."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -132,7 +157,11 @@ def guarded_cosines(wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def schlick_fresnel(f0: Tensor, cos_theta_d: Tensor) -> Tensor:
-    """Schlick's approximation of the Fresnel term [Schlick 1994]; f0 at normal incidence."""
+    """Schlick's approximation of the Fresnel term; f0 at normal incidence, all `[...]`.
+
+    Source: C. Schlick, An Inexpensive BRDF Model for Physically-based Rendering, Computer Graphics
+    Forum 13(3), 233-246, 1994, Eq. 15.
+    """
     grazing = (1.0 - cos_theta_d).clamp(min=0.0)
     squared = grazing * grazing
     return f0 + (1.0 - f0) * squared * squared * grazing

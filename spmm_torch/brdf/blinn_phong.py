@@ -8,11 +8,19 @@ import torch
 from torch import Tensor
 
 from ..geometry.warp import square_to_power_cosine, square_to_power_cosine_pdf
-from .base import Parameter, above_horizon, exp_of_negative, half_vector
+from .base import (
+    BRDF,
+    EXPONENTS,
+    NARROW_EXPONENTS,
+    Parameter,
+    above_horizon,
+    exp_of_negative,
+    half_vector,
+)
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
-class BlinnPhong:
+class BlinnPhong(BRDF):
     """f_r = c(n) (n . h)^n [Blinn 1977], as compared by [NDM05, §2].
 
     c(n) = (n + 2)(n + 4) / (8 pi (2^(-n/2) + n)) makes the albedo 1 at normal incidence, where
@@ -23,14 +31,24 @@ class BlinnPhong:
     | exponent | 0.1 to 10,000 | sharpness; about 2 / alpha^2 of a microfacet model |
     """
 
-    name = "blinn_phong"
+    name, title = "blinn_phong", "Blinn-Phong"
+    references = (
+        "J. F. Blinn, Models of Light Reflection for Computer Synthesized Pictures, Computer "
+        "Graphics (SIGGRAPH) 11(2), 192-198, 1977.",
+        "A. Ngan, F. Durand, W. Matusik, Experimental Analysis of BRDF Models, Eurographics "
+        "Symposium on Rendering, 117-126, 2005.",
+        "F. Giesen, Derivation of Phong and Blinn-Phong BRDF Normalization Factors, note, 2009.",
+    )
     parameters = (
         Parameter(
             "exponent", 0.1, 1e4, "log", "sharpness of the lobe", lambda width: 2.0 / width**2
         ),
     )
+    shapes = tuple((n,) for n in EXPONENTS)
+    peak_shapes = tuple((n,) for n in NARROW_EXPONENTS)
     anisotropic = False
     reciprocal = True
+    largest_weight = 4.0
 
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r in 1/sr; see `BRDF.eval`."""

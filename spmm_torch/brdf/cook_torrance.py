@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
+
 import torch
 from torch import Tensor
 
 from ..geometry.warp import square_to_beckmann, square_to_beckmann_pdf
 from .base import (
+    BRDF,
     INV_PI,
+    NARROW_SLOPES,
+    SLOPES,
     Parameter,
     above_horizon,
     exp_of_negative,
@@ -18,7 +23,7 @@ from .base import (
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
-class CookTorrance:
+class CookTorrance(BRDF):
     """f_r = F D G / (4 cos_theta_i cos_theta_o) [CT82], as compared by [NDM05, §2].
 
     D is Beckmann's distribution with root mean square slope alpha, normalized over projected
@@ -31,11 +36,19 @@ class CookTorrance:
     | f0 | 0.01 to 1 | reflectance at normal incidence |
     """
 
-    name = "cook_torrance"
+    name, title = "cook_torrance", "Cook-Torrance"
+    references = (
+        "R. L. Cook, K. E. Torrance, A Reflectance Model for Computer Graphics, ACM Transactions "
+        "on Graphics 1(1), 7-24, 1982.",
+        "A. Ngan, F. Durand, W. Matusik, Experimental Analysis of BRDF Models, Eurographics "
+        "Symposium on Rendering, 117-126, 2005.",
+    )
     parameters = (
         Parameter("alpha", 0.01, 1.0, "log", "slope of the microfacets", lambda width: width),
         Parameter("f0", 0.01, 1.0, "linear", "reflectance at normal incidence"),
     )
+    shapes = tuple(itertools.product(SLOPES, (0.04, 1.0)))
+    peak_shapes = tuple((a, 0.3) for a in NARROW_SLOPES)
     anisotropic = False
     reciprocal = True
 

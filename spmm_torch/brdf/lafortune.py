@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import torch
@@ -10,13 +11,13 @@ from torch.nn.functional import normalize
 
 from ..geometry.directions import frame_from_normal
 from ..geometry.warp import square_to_power_cosine, square_to_power_cosine_pdf
-from .base import Parameter, above_horizon, exp_of_negative
+from .base import BRDF, Parameter, above_horizon, exp_of_negative
 
 # The lobe's base is raised to a power through its logarithm, so it is kept above zero.
 BASE_EPS = 1e-6
 
 
-class Lafortune:
+class Lafortune(BRDF):
     """f_r = (n + 2) / (2 pi) max(0, (C (wi.x wo.x + wi.y wo.y) + wi.z wo.z) / m)^n [LFTG97].
 
     The isotropic generalized cosine lobe with C = Cx / Cz: the common scale of Cx and Cz belongs
@@ -30,7 +31,11 @@ class Lafortune:
     | exponent | 0.1 to 2,500 | sharpness |
     """
 
-    name = "lafortune"
+    name, title = "lafortune", "Lafortune"
+    references = (
+        "E. P. F. Lafortune, S.-C. Foo, K. E. Torrance, D. P. Greenberg, Non-Linear Approximation "
+        "of Reflectance Functions, SIGGRAPH 97 Conference Proceedings, 117-126, 1997.",
+    )
     parameters = (
         Parameter("c_xy", -2.0, 2.0, "linear", "Cx / Cz, direction of the lobe"),
         # The lobe is a cosine power of wi itself, which turns twice as far as the half vector.
@@ -38,8 +43,10 @@ class Lafortune:
             "exponent", 0.1, 2500.0, "log", "sharpness of the lobe", lambda width: 0.5 / width**2
         ),
     )
+    shapes = tuple(itertools.product((-1.4, -1.0, -0.5, 1.0), (3.0, 12.0, 50.0)))
     anisotropic = False
     reciprocal = True
+    largest_weight = 2.0
 
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r in 1/sr; see `BRDF.eval`."""

@@ -6,14 +6,19 @@ import torch
 from torch import Tensor
 
 from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
-from .base import INV_PI, Parameter, above_horizon
+from .base import BRDF, INV_PI, Parameter, above_horizon
 
 
-class Lambertian:
+class Lambertian(BRDF):
     """f_r = 1 / pi [Lambert 1760]. No parameters."""
 
-    name = "lambertian"
+    name, title = "lambertian", "Lambertian"
+    references = (
+        "J. H. Lambert, Photometria, sive de mensura et gradibus luminis, colorum et umbrae, "
+        "Eberhard Klett, Augsburg, 1760.",
+    )
     parameters: tuple[Parameter, ...] = ()
+    shapes = ((),)
     anisotropic = False
     reciprocal = True
 

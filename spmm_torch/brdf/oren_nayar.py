@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 
 from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
-from .base import INV_PI, Parameter, above_horizon, guarded_cosines
+from .base import BRDF, INV_PI, Parameter, above_horizon, guarded_cosines
 
 
-class OrenNayar:
+class OrenNayar(BRDF):
     """The qualitative model of Oren and Nayar [ON94, Eq. 30], without inter-reflection.
 
     f_r = (A + B max(0, cos(phi_i - phi_o)) sin(alpha) tan(beta)) / pi, with
@@ -22,12 +22,18 @@ class OrenNayar:
     | sigma | 0 to pi/2 rad | standard deviation of the groove angle; 0 is Lambertian |
     """
 
-    name = "oren_nayar"
+    name, title = "oren_nayar", "Oren-Nayar"
+    references = (
+        "M. Oren, S. K. Nayar, Generalization of Lambert's Reflectance Model, SIGGRAPH 94 "
+        "Conference Proceedings, 239-246, 1994.",
+    )
     parameters = (
         Parameter("sigma", 0.0, math.pi / 2.0, "linear", "standard deviation of slope angle, rad"),
     )
+    shapes = ((0.9,),)
     anisotropic = False
     reciprocal = True
+    largest_weight = 5.0  # the cosine does not follow the rise towards grazing
 
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r in 1/sr; see `BRDF.eval`."""

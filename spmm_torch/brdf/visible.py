@@ -9,6 +9,9 @@ never wastes a half vector that faces away. With wi the mirror image of wo about
     pdf(wi) = p_h(h) / (2 max(h.wo, 2 (n.h)(n.wo))).
 
 It holds for every p_h that is the same at h and h', and for wo above the horizon.
+
+Source: E. Heitz, E. d'Eon, Importance Sampling Microfacet-Based BSDFs using the Distribution of
+Visible Normals, Computer Graphics Forum 33(4), 103-112, 2014.
 """
 
 from __future__ import annotations

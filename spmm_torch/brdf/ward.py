@@ -7,34 +7,44 @@ import math
 from torch import Tensor
 
 from ..geometry.warp import square_to_beckmann, square_to_beckmann_pdf
-from .base import Parameter, above_horizon, exp_of_negative, guarded_cosines, half_vector
+from .base import (
+    BRDF,
+    NARROW_SLOPES,
+    SLOPES,
+    Parameter,
+    above_horizon,
+    exp_of_negative,
+    guarded_cosines,
+    half_vector,
+)
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
-class Ward:
+class Ward(BRDF):
     """The anisotropic model of Ward [War92, Eq. 5a], with the square root.
 
     f_r = exp(-tan^2(theta_h) (cos^2(phi_h) / ax^2 + sin^2(phi_h) / ay^2))
     / (4 pi ax ay sqrt(cos_theta_i cos_theta_o)).
-
-    `Ward("ward_duer", duer=True)` drops the square root [Dür 2006], which keeps more energy at
-    grazing angles.
 
     | parameter | range | meaning |
     |---|---|---|
     | alpha_x, alpha_y | 0.01 to 1 | root mean square slope along tangent and bitangent |
     """
 
+    name, title = "ward", "Ward"
+    references = (
+        "G. J. Ward, Measuring and Modeling Anisotropic Reflection, Computer Graphics (SIGGRAPH) "
+        "26(2), 265-272, 1992.",
+        "B. Walter, Notes on the Ward BRDF, Technical Report PCG-05-06, Cornell University, 2005.",
+    )
     parameters = (
         Parameter("alpha_x", 0.01, 1.0, "log", "slope along the tangent", lambda width: width),
         Parameter("alpha_y", 0.01, 1.0, "log", "slope along the bitangent", lambda width: width),
     )
+    shapes = tuple((a, a) for a in SLOPES)
+    peak_shapes: tuple[tuple[float, ...], ...] = tuple((a, a) for a in NARROW_SLOPES)
     anisotropic = True
     reciprocal = True
-
-    def __init__(self, name: str = "ward", duer: bool = False) -> None:
-        self.name = name
-        self.duer = duer
 
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r in 1/sr; see `BRDF.eval`."""
@@ -42,12 +52,9 @@ class Ward:
         cos_theta_i, cos_theta_o = guarded_cosines(wi, wo)
         h = half_vector(wi, wo)
         slope = (h.x_squared / alpha_x**2 + h.y_squared / alpha_y**2) / (h.z * h.z)
-        if self.duer:
-            foreshortening_i, foreshortening_o = 1.0 / cos_theta_i, 1.0 / cos_theta_o
-        else:
-            foreshortening_i, foreshortening_o = cos_theta_i.rsqrt(), cos_theta_o.rsqrt()
-        scale = foreshortening_o / (4.0 * math.pi * alpha_x * alpha_y)
-        return exp_of_negative(-slope) * scale * foreshortening_i * above_horizon(wi, wo)
+        scale = self._foreshortening(cos_theta_o) / (4.0 * math.pi * alpha_x * alpha_y)
+        lobe = exp_of_negative(-slope) * scale * self._foreshortening(cos_theta_i)
+        return lobe * above_horizon(wi, wo)
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By visible half vectors of Gaussian slopes [Walter 2005]; see `BRDF.sample`."""
@@ -58,3 +65,29 @@ class Ward:
         """Density of `sample` in 1/sr; see `BRDF.pdf`."""
         h = unit_half_vector(wi, wo)
         return visible_pdf(square_to_beckmann_pdf(h, kappa[..., 0], kappa[..., 1]), h, wo)
+
+    def _foreshortening(self, cos_theta: Tensor) -> Tensor:
+        """The factor `[...]` of the cosine of one direction."""
+        return cos_theta.rsqrt()
+
+
+class WardDuer(Ward):
+    """Ward's model without the square root [Dür 2006], which keeps more energy at grazing angles.
+
+    | parameter | range | meaning |
+    |---|---|---|
+    | alpha_x, alpha_y | 0.01 to 1 | root mean square slope along tangent and bitangent |
+    """
+
+    name, title = "ward_duer", "Ward-Duer"
+    references = (
+        "A. Dür, An Improved Normalization for the Ward Reflectance Model, journal of graphics "
+        "tools 11(1), 51-59, 2006.",
+        *Ward.references,
+    )
+    peak_shapes = ()
+    largest_weight = 6.0  # its albedo grows without bound towards grazing
+
+    def _foreshortening(self, cos_theta: Tensor) -> Tensor:
+        """The factor `[...]` of the cosine of one direction."""
+        return 1.0 / cos_theta

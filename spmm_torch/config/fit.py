@@ -12,19 +12,9 @@ from typing import Any
 
 import yaml
 
+from ..brdf import MODEL_NAMES, PAPER_MODELS
 from ..errors import ConfigError
 from .schema import assign, from_dict, parse_value, plain, read_yaml, setting
-
-MODELS = (
-    "lambertian",
-    "oren_nayar",
-    "blinn_phong",
-    "ward",
-    "cook_torrance",
-    "lafortune",
-    "ashikhmin_shirley",
-)
-OPTIONAL_MODELS = ("ward_duer",)
 
 
 @dataclass(frozen=True)
@@ -100,9 +90,7 @@ class SearchConfig:
         "stagewise: the paper's; corrective: refits all lobes of a sample after each new one",
         choices=("stagewise", "corrective"),
     )
-    models: tuple[str, ...] = setting(
-        MODELS, "BRDFs that lobes may use", choices=MODELS + OPTIONAL_MODELS
-    )
+    models: tuple[str, ...] = setting(PAPER_MODELS, "BRDFs that lobes may use", choices=MODEL_NAMES)
     max_lobes: int = setting(4, "lobes a sample at most", low=1, high=64)
     restarts: int | None = setting(
         None, "starts a new lobe is tried from; null: as many as fill a batch, 8 at most", low=1

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..brdf import MODEL_NAMES
 from ..lobes.batch import LobeBatch
 from ..runtime import tensor_file
 from .lookup import SparseWeights
 from .residual import Residual
+from .stored_models import loaded_kappa, loaded_models, stored_kappa, stored_names
 
 Tensors = dict[str, Tensor]
 PARTS = ("weights", "dictionary", "residual")
@@ -49,13 +49,14 @@ class ModelParts:
 def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
     """The tensors and the metadata of a model file."""
     offset, lobes = parts.weights.offset, parts.lobes
+    names = stored_names(lobes.model)
     tensors = {
         "weights.count": tensor_file.narrow(offset[1:] - offset[:-1]),
         "weights.index": tensor_file.narrow(parts.weights.index),
         "weights.weight": parts.weights.weight,
         "weights.label": tensor_file.narrow(parts.labels),
         "dictionary.model": tensor_file.narrow(lobes.model),
-        "dictionary.kappa": lobes.kappa,
+        "dictionary.kappa": stored_kappa(lobes.kappa, names),
         "dictionary.normal": lobes.normal,
         "dictionary.angle": lobes.angle,
         "residual.code": parts.residual.code,
@@ -64,7 +65,7 @@ def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
         "directions.view": parts.view,
     }
     size = {"height": str(parts.height), "width": str(parts.width)}
-    return tensors, {"name": parts.name, "models": json.dumps(MODEL_NAMES), **size}
+    return tensors, {"name": parts.name, "models": json.dumps(names), **size}
 
 
 def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
@@ -74,11 +75,11 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
         KeyError: a tensor or a key of the metadata is missing.
         ValueError: a BRDF that this program does not know, or a number that is none.
     """
-    names = json.loads(metadata["models"])
-    stored = tensors["dictionary.model"].long()
-    number = torch.tensor([MODEL_NAMES.index(name) for name in names], device=stored.device)
     lobes = LobeBatch(
-        number[stored], *(tensors[f"dictionary.{part}"] for part in ("kappa", "normal", "angle"))
+        loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
+        loaded_kappa(tensors["dictionary.kappa"]),
+        tensors["dictionary.normal"],
+        tensors["dictionary.angle"],
     )
     count = tensors["weights.count"].long()
     offset = torch.cat((count.new_zeros(1), count.cumsum(0)))

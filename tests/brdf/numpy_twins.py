@@ -116,6 +116,23 @@ def ashikhmin_shirley(kappa: Array, wi: Array, wo: Array) -> Array:
     return lobe * schlick(f0, a.theta_d) / (np.cos(a.theta_d) * upper)
 
 
+def ggx(kappa: Array, wi: Array, wo: Array) -> Array:
+    """F D G / (4 cos_i cos_o) with Smith's G of correlated heights [WMLT07, Hei14]."""
+    alpha_x, alpha_y, f0 = kappa
+    a = angles(wi, wo)
+
+    def smith_lambda(theta: Array, phi: Array) -> Array:
+        roughness = np.hypot(alpha_x * np.cos(phi), alpha_y * np.sin(phi))
+        return (np.sqrt(1 + (roughness * np.tan(theta)) ** 2) - 1) / 2
+
+    slope = np.tan(a.theta_h) ** 2
+    slope = slope * (np.cos(a.phi_h) ** 2 / alpha_x**2 + np.sin(a.phi_h) ** 2 / alpha_y**2)
+    trowbridge_reitz = 1 / (np.pi * alpha_x * alpha_y * np.cos(a.theta_h) ** 4 * (1 + slope) ** 2)
+    smith = 1 / (1 + smith_lambda(a.theta_i, a.phi_i) + smith_lambda(a.theta_o, a.phi_o))
+    reflected = schlick(f0, a.theta_d) * trowbridge_reitz * smith
+    return reflected / (4 * np.cos(a.theta_i) * np.cos(a.theta_o))
+
+
 TWINS: dict[str, Callable[[Array, Array, Array], Array]] = {
     twin.__name__: twin
     for twin in (
@@ -127,5 +144,6 @@ TWINS: dict[str, Callable[[Array, Array, Array], Array]] = {
         lafortune,
         ashikhmin_shirley,
         ward_duer,
+        ggx,
     )
 }

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
+import subprocess
+import sys
 
 import pytest
 import torch
 from brdf_cases import ALL_MODELS
 from numpy_twins import TWINS
 
+import spmm_torch.brdf
 from spmm_torch.brdf import BRDF, MAX_PARAMETERS, MODEL_NAMES, PAPER_MODELS, REGISTRY, Parameter
 
 ROWS = [
@@ -17,10 +21,24 @@ ROWS = [
     for row in model.parameters
 ]
 WIDTH_ROWS = [param for param in ROWS if param.values[0].from_width is not None]
+WITH_WIDTH = [p for p in ALL_MODELS if any(row.from_width for row in p.values[0].parameters)]
+# Imports the names without the package around them, which imports torch itself.
+WITHOUT_TORCH = """
+import sys
+from types import ModuleType
+package = sys.modules["spmm_torch"] = ModuleType("spmm_torch")
+package.__path__ = [sys.argv[1]]
+from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.config.fit import FitConfig
+assert set(FitConfig().search.models) < set(MODEL_NAMES)
+assert "torch" not in sys.modules
+"""
 
 
 def test_names_are_unique_and_in_order() -> None:
     assert len(set(MODEL_NAMES)) == len(REGISTRY)
+    assert tuple(model.name for model in REGISTRY) == MODEL_NAMES
+    assert len({model.title for model in REGISTRY}) == len(REGISTRY)
     assert PAPER_MODELS == (
         "lambertian",
         "oren_nayar",
@@ -31,6 +49,48 @@ def test_names_are_unique_and_in_order() -> None:
         "ashikhmin_shirley",
     )
     assert max(len(model.parameters) for model in REGISTRY) == MAX_PARAMETERS
+
+
+def test_the_first_eight_are_those_of_format_1() -> None:
+    """Programs that read format 1 know these, whatever is added behind them."""
+    assert (*PAPER_MODELS, "ward_duer") == MODEL_NAMES[:8]
+
+
+def test_names_and_settings_need_no_torch() -> None:
+    folder = spmm_torch.__path__[0]
+    subprocess.run([sys.executable, "-c", WITHOUT_TORCH, folder], check=True, timeout=60)
+
+
+def test_an_unknown_name_of_the_registry_is_an_error() -> None:
+    with pytest.raises(AttributeError, match=r"'spmm_torch.brdf' has no attribute 'MODEL'"):
+        _ = spmm_torch.brdf.MODEL
+
+
+@pytest.mark.parametrize("model", ALL_MODELS)
+def test_references_are_full(model: BRDF) -> None:
+    """Authors with initials or names, title, venue, and the year at the end."""
+    assert model.references
+    for reference in model.references:
+        assert reference.count(", ") >= 3
+        assert re.search(r", (1[789]|20)\d\d\.$", reference)
+
+
+@pytest.mark.parametrize("model", ALL_MODELS)
+def test_shapes_lie_in_the_box(model: BRDF) -> None:
+    assert model.shapes
+    for shape in (*model.shapes, *model.peak_shapes):
+        for value, row in zip(shape, model.parameters, strict=True):
+            assert row.low <= value <= row.high, (shape, row.name)
+
+
+@pytest.mark.parametrize("model", ALL_MODELS)
+def test_a_search_starts_from_different_shapes(model: BRDF) -> None:
+    """Lobes of equal values would be one start twice."""
+    wo = torch.tensor([0.6, 0.0, 0.8], dtype=torch.float64)
+    wi = torch.tensor([[-0.6, 0.0, 0.8], [-0.5, 0.3, math.sqrt(0.66)]], dtype=torch.float64)
+    kappa = torch.tensor(model.shapes, dtype=torch.float64)[:, None]
+    values = model.eval(kappa, wi, wo)
+    assert len(values.unique(dim=0)) == len(model.shapes)
 
 
 def test_every_model_has_a_twin() -> None:
@@ -72,9 +132,7 @@ def test_width_is_monotone_and_lies_in_the_box(row: Parameter) -> None:
     assert all(row.low <= value <= row.high for value in values)
 
 
-@pytest.mark.parametrize(
-    "model", [p for p in ALL_MODELS if p.id not in ("lambertian", "oren_nayar")]
-)
+@pytest.mark.parametrize("model", WITH_WIDTH)
 def test_width_is_the_slope_at_which_the_lobe_has_fallen(model: BRDF) -> None:
     """At normal view, the half vector tilted by the width gives 1/e of the peak."""
     width = 0.05

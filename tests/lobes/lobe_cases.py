@@ -9,24 +9,43 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
+from spmm_torch.brdf import BRDF, MAX_PARAMETERS, MODEL_NAMES, REGISTRY
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.sampling import LobeTable
 
-KAPPA: dict[str, dict[str, tuple[float, ...]]] = {
-    "lambertian": {"wide": ()},
-    "oren_nayar": {"wide": (0.6,)},
-    "blinn_phong": {"wide": (4.0,), "narrow": (2000.0,)},
-    "ward": {"wide": (0.7, 0.35), "narrow": (0.05, 0.02)},
-    "cook_torrance": {"wide": (0.6, 0.3), "narrow": (0.03, 0.3)},
+# Widths (slope of the half vector) along tangent and bitangent; the first for isotropic models.
+WIDTHS = {"wide": (0.7, 0.35), "narrow": (0.05, 0.02)}
+# Where on its scale a parameter stands that sets no width.
+OTHER = 0.35
+# A model whose lobes need more than widths: mirror lobes off the specular direction, and retro.
+SPECIAL: dict[str, dict[str, tuple[float, ...]]] = {
     "lafortune": {"wide": (-1.2, 3.0), "narrow": (-0.95, 400.0), "retro": (0.5, 3.0)},
-    "ashikhmin_shirley": {"wide": (3.0, 12.0, 0.3), "narrow": (200.0, 3000.0, 0.3)},
-    "ward_duer": {"wide": (0.7, 0.35), "narrow": (0.05, 0.02)},
 }
 TILT_DEGREES = {"upright": 0.0, "tilted": 35.0}
 POLAR_DEGREES = {"normal": 0.0, "oblique": 50.0, "grazing": 85.0}
 TILT_AZIMUTH, VIEW_AZIMUTH, TURN = 0.7, 0.3, 0.4
+
+
+def kappa_of_widths(model: BRDF, widths: tuple[float, float]) -> tuple[float, ...]:
+    """Parameters of a lobe of given widths; the others stand at OTHER of their scale."""
+    along = iter(widths)
+    return tuple(
+        float(row.from_unit(torch.tensor(OTHER)))
+        if row.from_width is None
+        else row.from_width(next(along))
+        for row in model.parameters
+    )
+
+
+def kappa_of(model: BRDF) -> dict[str, tuple[float, ...]]:
+    """Parameters of the lobes of a model by what they are: wide, and narrow if they can be."""
+    has_width = any(row.from_width is not None for row in model.parameters)
+    kinds = WIDTHS if has_width else {"wide": WIDTHS["wide"]}
+    return {kind: kappa_of_widths(model, widths) for kind, widths in kinds.items()}
+
+
+KAPPA = {model.name: SPECIAL.get(model.name) or kappa_of(model) for model in REGISTRY}
 
 
 def unit_vector(degrees: float, azimuth: float) -> Tensor:

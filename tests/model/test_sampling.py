@@ -10,6 +10,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.model import sampling
@@ -33,10 +34,11 @@ LOBES = LobeBatch.cat(
         lobe("lafortune", (-0.95, 60.0), 0.0),
         lobe("ashikhmin_shirley", (50.0, 400.0, 0.3), 20.0),
         lobe("ward_duer", (0.2, 0.1), 60.0, azimuth=VIEW_AZIMUTH + math.pi),
+        *(lobe(name, KAPPA[name]["wide"], 20.0) for name in MODEL_NAMES[8:]),
     ]
 )
 # Glossy; everything at once; diffuse; nothing; one lobe that steep views from VIEW_AZIMUTH miss.
-TEXELS = ((0, 2), (0, 1, 2, 3, 4, 5, 6, 7), (0, 1), (), (7,))
+TEXELS = ((0, 2), tuple(range(len(LOBES))), (0, 1), (), (7,))
 GLOSSY, ALL, DIFFUSE, EMPTY, HIDDEN = range(5)
 COUNTS = [len(texel) for texel in TEXELS]
 MIXED = torch.tensor([[GLOSSY, ALL, DIFFUSE, HIDDEN]])

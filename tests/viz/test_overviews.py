@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from spmm_torch import SPMM
-from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.brdf import REGISTRY
 from spmm_torch.errors import ConfigError
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.viz.maps import count_map, maps_scene, mean_normals, model_map, strongest_models
@@ -64,7 +64,7 @@ def test_texels_without_lobes_have_no_model() -> None:
 
 def test_keys_name_what_occurs(model: SPMM) -> None:
     assert [row.text for row in count_map(model).key] == ["3"]
-    titles = {name.replace("_", "-").title() for name in MODEL_NAMES}
+    titles = {brdf.title for brdf in REGISTRY}
     shown = [row.text for row in model_map(model).key]
     assert shown
     assert set(shown) <= titles

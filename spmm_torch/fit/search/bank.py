@@ -2,40 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from ...brdf import MAX_PARAMETERS, MODEL_NAMES
+from ...brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
 from ...geometry.directions import hemisphere_spiral
 from ...lobes.batch import Feasible, LobeBatch, decode, encode
 from ...lobes.grid import DirectionGrid
 
-EXPONENTS = (4.0, 16.0, 64.0, 256.0)
-SLOPES = (0.1, 0.2, 0.4, 0.7)
-# Shapes of each model, about a factor of two in width apart: the search bridges that gap.
 Shapes = Mapping[str, Sequence[tuple[float, ...]]]
-SHAPES: dict[str, tuple[tuple[float, ...], ...]] = {
-    "lambertian": ((),),
-    "oren_nayar": ((0.9,),),
-    "blinn_phong": tuple((n,) for n in EXPONENTS),
-    "ward": tuple((a, a) for a in SLOPES),
-    "cook_torrance": tuple(itertools.product(SLOPES, (0.04, 1.0))),
-    "lafortune": tuple(itertools.product((-1.4, -1.0, -0.5, 1.0), (3.0, 12.0, 50.0))),
-    "ashikhmin_shirley": tuple((n, n, 0.04) for n in EXPONENTS),
-    "ward_duer": tuple((a, a) for a in SLOPES),
-}
-# Shapes about as narrow as a measured direction stands for: worth trying only right at a peak.
-NARROW = (0.03, 0.06)
-PEAK_SHAPES: dict[str, tuple[tuple[float, ...], ...]] = {
-    "blinn_phong": ((256.0,), (1000.0,)),
-    "ward": tuple((a, a) for a in NARROW),
-    "cook_torrance": tuple((a, 0.3) for a in NARROW),
-    "ashikhmin_shirley": ((256.0, 256.0, 0.2), (1000.0, 1000.0, 0.2)),
-}
+SHAPES: Shapes = {model.name: model.shapes for model in REGISTRY}
+# Worth trying only right at a peak.
+PEAK_SHAPES: Shapes = {model.name: model.peak_shapes for model in REGISTRY if model.peak_shapes}
 
 
 @dataclass(frozen=True)
