@@ -15,9 +15,9 @@ from spmm_torch.figures.figure import Choices, Drawing, Figure, Subject
 from spmm_torch.model.spmm import SPMM
 from spmm_torch.render import write_png
 from spmm_torch.report.contract import json_text
-from spmm_torch.report.frame import document
-from spmm_torch.report.markup import figure, picture, tag
+from spmm_torch.report.html import render_template
 from spmm_torch.report.pictures import png_uri
+from spmm_torch.report.views import Picture
 from spmm_torch.runtime.atomic import new_folder
 from spmm_torch.runtime.device import resolve_device
 from spmm_torch.runtime.progress import Progress
@@ -79,13 +79,12 @@ def draw_figures(options: argparse.Namespace, progress: Progress) -> None:
 
 
 def figures_page(name: str, drawn: dict[Figure, Drawing]) -> str:
-    """All figures with their captions."""
-    parts = []
-    for each, drawing in drawn.items():
-        image = picture(png_uri(drawing.picture), each.title, pixelated=False)
-        content = figure(image, drawing.caption)
-        parts.append(tag("div", tag("h2", each.title), content, class_="panel"))
-    return document(f"{name} – figures", (tag("h1", name), *parts))
+    """The text of a page of all figures with their captions."""
+    pictures = [
+        Picture(png_uri(drawing.picture), figure.title, drawing.caption)
+        for figure, drawing in drawn.items()
+    ]
+    return render_template("figures.html.j2", {"name": name, "pictures": pictures})
 
 
 def _wanted(only: str | None) -> list[Figure]:

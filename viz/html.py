@@ -5,26 +5,20 @@ from __future__ import annotations
 import io
 import json
 import zipfile
-from html import escape
 from pathlib import Path
 from typing import Any
 
+from markupsafe import escape
+
+from ..report.html import render_template
 from ..runtime.atomic import new_file
 from .palette import PAGE, QUIET, TEXT, Colour
 from .plotter import draw
-from .scene import LegendRow, Scene
+from .scene import Scene
 
 # The page asks the network for its own icon only; an empty one is taken instead.
 ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 TITLE = "<title>VTK.js | Example - OfflineLocalView</title>"
-# vtk.js clears this element and draws in it.
-FRAME = '<div class="content" style="position:absolute;inset:0"></div>'
-STYLE = (
-    "#legend{position:absolute;z-index:9;left:24px;top:20px;pointer-events:none;"
-    "font:14px/1.5 system-ui,'Segoe UI',Roboto,sans-serif;white-space:pre}"
-    "#legend h1{margin:0 0 6px;font-size:19px;font-weight:500}"
-    "#legend i{display:inline-block;width:11px;height:11px;margin-right:9px}"
-)
 
 
 def save_html(scene: Scene, path: Path | str) -> None:
@@ -74,21 +68,21 @@ def _packed(window: Any) -> bytes:
 
 def with_legend(page: str, scene: Scene) -> str:
     """The page with the scene's own title and legend, and without a call to the network."""
-    title = f"<title>{escape(scene.title)}</title><style>{STYLE}</style>"
-    rows = "".join(f"<div>{_row(row)}</div>" for row in scene.legend)
-    legend = (
-        f'<div id="legend" style="color:{css(TEXT)}"><h1>{escape(scene.title)}</h1>{rows}</div>'
+    rows = [(None if row.colour is None else css(row.colour), row.text) for row in scene.legend]
+    legend = render_template(
+        "legend.html.j2",
+        {
+            "title": scene.title,
+            "rows": rows,
+            "background": css(PAGE),
+            "text": css(TEXT),
+            "quiet": css(QUIET),
+        },
     )
-    page = page.replace(TITLE, title).replace(ICON, "data:,")
-    return page.replace("<body>", f'<body style="background:{css(PAGE)}">{FRAME}{legend}', 1)
+    page = page.replace(TITLE, f"<title>{escape(scene.title)}</title>").replace(ICON, "data:,")
+    return page.replace("<body>", legend, 1)
 
 
 def css(colour: Colour) -> str:
     """`#3062ab` of a colour."""
     return "#" + bytes(round(255 * x) for x in colour).hex()
-
-
-def _row(row: LegendRow) -> str:
-    if row.colour is None:
-        return f'<span style="color:{css(QUIET)}">{escape(row.text)}</span>'
-    return f'<i style="background:{css(row.colour)}"></i>{escape(row.text)}'

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .markup import Markup, tag
+from markupsafe import Markup
+
+from .svg import element
 
 # Lengths in SVG units, about one pixel each.
 WIDTH = 480
@@ -20,12 +22,20 @@ MAX_COLUMN_WIDTH = 44.0
 AXIS_HEIGHT = 40
 # Columns narrower than this have no room for their text.
 MIN_TEXT_COLUMN = 30.0
+# Free part of the width of a column.
 GAP = 0.18
 
 
 @dataclass(frozen=True)
 class Bar:
-    """One bar: its label, its length in any unit, the text beside it, its colour or the page's."""
+    """One bar.
+
+    Attributes:
+        label: what it stands for.
+        value: its length, in any unit that all bars share.
+        text: its value as text, beside it.
+        colour: of its own; empty for that of the page.
+    """
 
     label: str
     value: float
@@ -55,16 +65,16 @@ def histogram(bars: Sequence[Bar], axis: str, title: str) -> Markup:
         for index, bar in enumerate(bars)
     ]
     foot = COLUMN_TOP + COLUMN_HEIGHT
-    line = tag("line", x1=0, x2=WIDTH, y1=foot, y2=foot, class_="axis")
-    name = tag("text", axis, x=WIDTH / 2, y=foot + AXIS_HEIGHT - 4, text_anchor="middle")
+    line = element("line", x1=0, x2=WIDTH, y1=foot, y2=foot, class_="axis")
+    name = element("text", axis, x=WIDTH / 2, y=foot + AXIS_HEIGHT - 4, text_anchor="middle")
     return _frame([*columns, line, name] if bars else [], foot + AXIS_HEIGHT, title)
 
 
 def _frame(parts: list[Markup], height: float, title: str) -> Markup:
-    content = parts or [tag("text", "nothing to show", x=0, y=BAR_HEIGHT, class_="quiet")]
-    return tag(
+    content = parts or [element("text", "nothing to show", x=0, y=BAR_HEIGHT, class_="quiet")]
+    return element(
         "svg",
-        tag("title", title),
+        element("title", title),
         *content,
         viewBox=f"0 0 {WIDTH} {height:g}",
         role="img",
@@ -73,11 +83,11 @@ def _frame(parts: list[Markup], height: float, title: str) -> Markup:
 
 def _row(bar: Bar, top: float, length: float) -> Markup:
     baseline = top + BAR_HEIGHT - 3
-    return tag(
+    return element(
         "g",
-        tag("text", bar.label, x=LABEL_WIDTH - 8, y=baseline, text_anchor="end"),
+        element("text", bar.label, x=LABEL_WIDTH - 8, y=baseline, text_anchor="end"),
         _rectangle(bar, LABEL_WIDTH, top, length, BAR_HEIGHT),
-        tag("text", bar.text, x=f"{LABEL_WIDTH + length + 6:.1f}", y=baseline, class_="quiet"),
+        element("text", bar.text, x=f"{LABEL_WIDTH + length + 6:.1f}", y=baseline, class_="quiet"),
     )
 
 
@@ -86,19 +96,21 @@ def _column(bar: Bar, left: float, width: float, height: float, labelled: bool) 
     middle = f"{left + width / 2:.1f}"
     parts = [_rectangle(bar, left + GAP * width / 2, foot - height, width * (1 - GAP), height)]
     if labelled:
-        parts.append(tag("text", bar.label, x=middle, y=foot + 16, text_anchor="middle"))
+        parts.append(element("text", bar.label, x=middle, y=foot + 16, text_anchor="middle"))
     if width >= MIN_TEXT_COLUMN:
         above = f"{foot - height - 5:.1f}"
-        text = tag("text", bar.text, x=middle, y=above, text_anchor="middle", class_="quiet small")
+        text = element(
+            "text", bar.text, x=middle, y=above, text_anchor="middle", class_="quiet small"
+        )
         parts.append(text)
-    return tag("g", *parts)
+    return element("g", *parts)
 
 
 def _rectangle(bar: Bar, x: float, y: float, width: float, height: float) -> Markup:
     paint = {"fill": bar.colour} if bar.colour else {}
-    return tag(
+    return element(
         "rect",
-        tag("title", f"{bar.label}: {bar.text}"),
+        element("title", f"{bar.label}: {bar.text}"),
         x=f"{x:.1f}",
         y=f"{y:.1f}",
         width=f"{width:.1f}",

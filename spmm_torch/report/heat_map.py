@@ -1,4 +1,4 @@
-"""A table of numbers as coloured cells, inline SVG; the numbers stand in the cells."""
+"""A table of numbers as inline SVG: coloured cells with their numbers."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
-from .markup import Markup, tag
 from .pictures import css_colour, heat_colours
+from .svg import element
 
 # Lengths in SVG units, about one pixel each.
 WIDTH, ROW_HEIGHT, CELL_GAP = 480, 26, 1
@@ -23,7 +24,7 @@ UNKNOWN_COLOUR = "#8884"
 
 @dataclass(frozen=True)
 class Axis:
-    """One side of a heat map: what it counts, and the label of each row or column."""
+    """One side of a heat map: its name, and the label of each row or column."""
 
     name: str
     labels: Sequence[str]
@@ -36,7 +37,14 @@ def heat_map(
     columns: Axis,
     title: str,
 ) -> Markup:
-    """Cells coloured from the least to the greatest value; values that are not finite are grey."""
+    """Cells coloured from the least to the greatest value; values that are not finite are grey.
+
+    Args:
+        values: one list a row of cells.
+        texts: what stands in the cells.
+        rows, columns: names and labels of the sides.
+        title: what it shows, for readers who cannot see it.
+    """
     table = np.array(values, dtype=np.float64).reshape(len(rows.labels), len(columns.labels))
     position = scaled(table)
     width = (WIDTH - LEFT) / len(columns.labels)
@@ -48,18 +56,18 @@ def heat_map(
     foot = TOP + ROW_HEIGHT * len(rows.labels)
     middle = {"text_anchor": "middle"}
     labels = [
-        tag("text", text, x=LEFT - 8, y=TOP + row * ROW_HEIGHT + 18, text_anchor="end")
+        element("text", text, x=LEFT - 8, y=TOP + row * ROW_HEIGHT + 18, text_anchor="end")
         for row, text in enumerate(rows.labels)
     ]
     labels += [
-        tag("text", text, x=f"{LEFT + (column + 0.5) * width:.1f}", y=foot + 16, **middle)
+        element("text", text, x=f"{LEFT + (column + 0.5) * width:.1f}", y=foot + 16, **middle)
         for column, text in enumerate(columns.labels)
     ]
     turned = f"translate(14 {(TOP + foot) / 2:g}) rotate(-90)"
-    labels.append(tag("text", rows.name, transform=turned, **middle))
-    labels.append(tag("text", columns.name, x=(LEFT + WIDTH) / 2, y=foot + FOOT - 8, **middle))
+    labels.append(element("text", rows.name, transform=turned, **middle))
+    labels.append(element("text", columns.name, x=(LEFT + WIDTH) / 2, y=foot + FOOT - 8, **middle))
     box = f"0 0 {WIDTH} {foot + FOOT}"
-    return tag("svg", tag("title", title), *cells, *labels, viewBox=box, role="img")
+    return element("svg", element("title", title), *cells, *labels, viewBox=box, role="img")
 
 
 def scaled(table: np.ndarray) -> np.ndarray:
@@ -78,9 +86,9 @@ def _cell(position: float, text: str, left: float, row: int, width: float) -> Ma
         colour, dark = css_colour(codes), float(codes @ LUMA) > LIGHT_LUMA
     top = TOP + row * ROW_HEIGHT
     ink = {"style": f"fill:{'#14171a' if dark else '#ffffff'}"} if math.isfinite(position) else {}
-    return tag(
+    return element(
         "g",
-        tag(
+        element(
             "rect",
             x=f"{left:.1f}",
             y=top,
@@ -88,7 +96,7 @@ def _cell(position: float, text: str, left: float, row: int, width: float) -> Ma
             height=ROW_HEIGHT - CELL_GAP,
             fill=colour,
         ),
-        tag(
+        element(
             "text",
             text,
             x=f"{left + width / 2:.1f}",

@@ -10,8 +10,7 @@ from torch import Tensor
 
 from ..geometry.directions import direction_from_angles
 
-# What is looked for: title, then polar and azimuth degrees of light and view. The picture's top
-# is at 90 degrees.
+# Title, then (polar angle, azimuth) of light and view in degrees; the picture's top is at 90.
 WANTED = (
     ("Light and view from above", (0.0, 0.0), (0.0, 0.0)),
     ("Light at 45°, view from above", (45.0, 135.0), (0.0, 0.0)),
@@ -19,7 +18,7 @@ WANTED = (
     ("Grazing light", (75.0, 180.0), (30.0, 270.0)),
     ("Grazing view", (45.0, 90.0), (75.0, 0.0)),
 )
-# A measured direction further from the wanted one than this does not show what the title says.
+# A direction further than this from the wanted one does not show what the title says.
 MAX_DISTANCE = math.radians(25.0)
 
 
@@ -33,7 +32,7 @@ class Pair:
 
 
 def choose_pairs(light: Tensor, view: Tensor, missing: Tensor | None = None) -> tuple[Pair, ...]:
-    """The measured pairs that show most: from above, oblique, near mirror, grazing.
+    """The measured pairs nearest to `WANTED`: from above, oblique, near mirror, grazing.
 
     Args:
         light: unit vectors `[L, 3]`.
@@ -41,7 +40,7 @@ def choose_pairs(light: Tensor, view: Tensor, missing: Tensor | None = None) -> 
         missing: pairs without a picture, `[V, L]`; None without any.
 
     Returns:
-        At least one pair, no pair twice; wanted ones that were not measured are left out.
+        At least one pair, none twice; wanted pairs that were not measured are left out.
     """
     measured = torch.ones(len(view), len(light), dtype=torch.bool) if missing is None else ~missing
     chosen: dict[tuple[int, int], Pair] = {}
@@ -64,8 +63,13 @@ def angles(direction: Tensor) -> str:
     return f"{theta:.0f}° / {phi}°"
 
 
+def directions_text(wi: Tensor, wo: Tensor) -> str:
+    """`light 45° / 140°, view 0° / 0°` of unit vectors `[3]`."""
+    return f"light {angles(wi)}, view {angles(wo)}"
+
+
 def _nearest(directions: Tensor, theta: float, phi: float) -> tuple[int, float]:
-    """(index, angle in radians) of the direction nearest to the given degrees."""
+    """(index, distance in radians) of the direction of `[N, 3]` nearest to angles in degrees."""
     degrees = torch.tensor([theta, phi], dtype=torch.float64)
     wanted = direction_from_angles(*torch.deg2rad(degrees))  # [3]
     cosines = directions.double().cpu() @ wanted

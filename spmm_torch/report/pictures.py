@@ -13,11 +13,11 @@ from ..render.display import SHOWN_FRACTION, Codes, encode_png
 
 # The amplification of differences doubles up to this.
 MAX_GAIN = 64
-# Successive hues are this part of a turn apart: neighbours differ, whatever the count.
+# Hues of successive clusters are this part of a turn apart, so neighbours differ for any count.
 GOLDEN_TURN = 0.618034
-# (saturation, value) in turn, so that hues that come close still differ.
+# (saturation, value) in turn, so that clusters of similar hue still differ.
 TONES = ((0.45, 0.92), (0.70, 0.72), (0.30, 0.78), (0.62, 0.98))
-# From few to many; all stops can be told from a white and from a black page.
+# From few to many; every stop differs from a white and from a black page.
 HEAT = ((52, 42, 110), (48, 98, 150), (42, 152, 136), (140, 196, 70), (250, 214, 60))
 
 
@@ -30,13 +30,13 @@ def difference_gain(worst: float) -> int:
 
 
 def shared_gain(differences: Sequence[Tensor]) -> int:
-    """`difference_gain` of exposed differences `[H, W, 3]`, of which nearly none then clips."""
+    """`difference_gain` of the 99th percentile of exposed differences, `[H, W, 3]` each."""
     sizes = (part.abs().cpu().numpy() for part in differences)
     return difference_gain(max(float(np.quantile(size, SHOWN_FRACTION)) for size in sizes))
 
 
 def cluster_colours(number: int) -> Codes:
-    """A colour `[K, 3]` for each cluster; cluster k has the same one in every report."""
+    """A colour for each cluster, `[K, 3]`; cluster k has the same one in every report."""
     colours = [
         colorsys.hsv_to_rgb(index * GOLDEN_TURN % 1.0, *TONES[index % len(TONES)])
         for index in range(number)

@@ -6,43 +6,25 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from .markup import Markup, join, tag
-from .scales import Scale, number
+from markupsafe import Markup
+
+from .scales import Scale, tick_text
+from .svg import element
 
 # Lengths in SVG units, about one pixel each.
 WIDTH, HEIGHT = 560, 360
 LEFT, RIGHT, TOP, BOTTOM = 58, 16, 12, 46
 LEGEND_ROW, LEGEND_COLUMNS, LEGEND_TOP = 20, 3, 10
 RADIUS = 4.5
-# About the width of a letter of a label, its height, and how far from its point it stands.
+# Width and height of a letter in a label, and the gap between a label and its point.
 LETTER, LINE, GAP = 6.2, 13.0, 7.0
-# Series beyond this many look like the first ones again.
+# Series beyond this many look like the first ones again; style.css.j2 has as many colours.
 LOOKS = 7
-
-PLOT_STYLE = """
-:root {
-  --s0: #1f6f95; --s1: #c2570c; --s2: #2f7d46; --s3: #7a4fc0; --s4: #b3243c; --s5: #8a6d00;
-  --s6: #5d6670;
-}
-@media (prefers-color-scheme: dark) {
-  :root {
-    --s0: #63abc9; --s1: #f0955a; --s2: #74c48a; --s3: #b79bf0; --s4: #f08293; --s5: #d8bd4f;
-    --s6: #a3abb3;
-  }
-}
-svg.plot { max-width: 640px; }
-svg.plot .grid { stroke: var(--line); stroke-width: 1; }
-svg.plot .line { fill: none; stroke-width: 1.6; opacity: 0.8; }
-svg.plot .mark { stroke: var(--card); stroke-width: 1; }
-""" + "\n".join(
-    f"svg.plot .s{k}.mark {{ fill: var(--s{k}); }}\nsvg.plot .s{k}.line {{ stroke: var(--s{k}); }}"
-    for k in range(LOOKS)
-)
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis: its name, and whether equal ratios are equally far apart."""
+    """One axis: its name, and whether it is logarithmic."""
 
     name: str
     log: bool = False
@@ -50,7 +32,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Point:
-    """One point: its place, what it says under the pointer, and beside it if it has a label."""
+    """One point: its values, its text under the pointer, and its label, if any."""
 
     x: float
     y: float
@@ -60,7 +42,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one kind; `joined` by a line in their order."""
+    """Points of one kind, in the order of the line that joins them if `joined`."""
 
     name: str
     points: Sequence[Point]
@@ -71,17 +53,17 @@ def plot(series: Sequence[Series], x_axis: Axis, y_axis: Axis, title: str) -> Ma
     """Series over two axes, with a legend.
 
     Args:
-        series: points with a place that is not finite, or that a logarithmic axis does not have,
-            are left out.
+        series: points; values that are not finite, or not positive on a logarithmic axis, are
+            left out.
         x_axis, y_axis: of the plot.
-        title: for those who cannot see it.
+        title: what it shows, for readers who cannot see it.
     """
     drawn = [_visible(each, x_axis, y_axis) for each in series]
     points = [point for each in drawn for point in each.points]
     rows = -(-len(drawn) // LEGEND_COLUMNS)
     height = HEIGHT + LEGEND_TOP + LEGEND_ROW * rows
     if not points:
-        content = [tag("text", "nothing to show", x=0, y=LINE, class_="quiet")]
+        content = [element("text", "nothing to show", x=0, y=LINE, class_="quiet")]
     else:
         x = Scale.over([point.x for point in points], LEFT, WIDTH - RIGHT, x_axis.log)
         y = Scale.over([point.y for point in points], HEIGHT - BOTTOM, TOP, y_axis.log)
@@ -89,9 +71,9 @@ def plot(series: Sequence[Series], x_axis: Axis, y_axis: Axis, title: str) -> Ma
         content = [*_axes(x, y, x_axis, y_axis)]
         content += [canvas.draw(each, look) for look, each in enumerate(drawn)]
         content += [canvas.labels(drawn), *(_legend(each, look) for look, each in enumerate(drawn))]
-    return tag(
+    return element(
         "svg",
-        tag("title", title),
+        element("title", title),
         *content,
         viewBox=f"0 0 {WIDTH} {height}",
         role="img",
@@ -112,43 +94,43 @@ def _axes(x: Scale, y: Scale, x_axis: Axis, y_axis: Axis) -> list[Markup]:
     parts = []
     for tick in x.ticks():
         place = f"{x(tick):.1f}"
-        parts.append(tag("line", x1=place, x2=place, y1=TOP, y2=foot, class_="grid"))
-        parts.append(tag("text", number(tick), x=place, y=foot + 17, text_anchor="middle"))
+        parts.append(element("line", x1=place, x2=place, y1=TOP, y2=foot, class_="grid"))
+        parts.append(element("text", tick_text(tick), x=place, y=foot + 17, text_anchor="middle"))
     for tick in y.ticks():
         place = f"{y(tick):.1f}"
-        parts.append(tag("line", x1=LEFT, x2=WIDTH - RIGHT, y1=place, y2=place, class_="grid"))
+        parts.append(element("line", x1=LEFT, x2=WIDTH - RIGHT, y1=place, y2=place, class_="grid"))
         parts.append(
-            tag("text", number(tick), x=LEFT - 7, y=f"{y(tick) + 4:.1f}", text_anchor="end")
+            element("text", tick_text(tick), x=LEFT - 7, y=f"{y(tick) + 4:.1f}", text_anchor="end")
         )
     turned = f"translate(14 {middle:g}) rotate(-90)"
     right = (LEFT + WIDTH - RIGHT) / 2
-    parts.append(tag("text", x_axis.name, x=right, y=foot + 38, text_anchor="middle"))
-    parts.append(tag("text", y_axis.name, transform=turned, text_anchor="middle"))
+    parts.append(element("text", x_axis.name, x=right, y=foot + 38, text_anchor="middle"))
+    parts.append(element("text", y_axis.name, transform=turned, text_anchor="middle"))
     return parts
 
 
 @dataclass
 class _Canvas:
-    """Where points lie, and what of the plot labels have taken already."""
+    """The area of a plot, and the boxes (left, top, right, bottom) that are occupied in it."""
 
     x: Scale
     y: Scale
     taken: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def draw(self, series: Series, look: int) -> Markup:
-        """Lines and marks."""
+        """The line and the marks of one series."""
         places = [(self.x(point.x), self.y(point.y)) for point in series.points]
         parts = []
         if series.joined and len(places) > 1:
             path = " ".join(f"{left:.1f},{top:.1f}" for left, top in places)
-            parts.append(tag("polyline", points=path, class_=f"s{look % LOOKS} line"))
+            parts.append(element("polyline", points=path, class_=f"s{look % LOOKS} line"))
         for point, (left, top) in zip(series.points, places, strict=True):
             self.taken.append((left - RADIUS, top - RADIUS, left + RADIUS, top + RADIUS))
             parts.append(mark(look, left, top, f"{series.name}: {point.text}"))
-        return tag("g", *parts)
+        return element("g", *parts)
 
     def labels(self, series: Sequence[Series]) -> Markup:
-        """Names beside their points, where nothing else stands if that can be."""
+        """Labels, each on the side of its point where it covers least."""
         parts = []
         for point in (point for each in series for point in each.points if point.label):
             left, top = self.x(point.x), self.y(point.y)
@@ -156,7 +138,7 @@ class _Canvas:
             box = min(_boxes(left, top, width), key=self._crowding)
             self.taken.append(box)
             parts.append(
-                tag(
+                element(
                     "text",
                     point.label,
                     x=f"{box[0]:.1f}",
@@ -164,17 +146,17 @@ class _Canvas:
                     class_="small",
                 )
             )
-        return tag("g", *parts)
+        return element("g", *parts)
 
     def _crowding(self, box: tuple[float, float, float, float]) -> float:
-        """How much of a box is taken, or lies outside."""
+        """How much of a box is occupied, or lies outside of the plot."""
         outside = max(LEFT - box[0], 0.0) + max(box[2] - (WIDTH - RIGHT), 0.0)
         outside += max(TOP - box[1], 0.0) + max(box[3] - (HEIGHT - BOTTOM), 0.0)
         return LINE * outside + sum(_overlap(box, other) for other in self.taken)
 
 
 def _boxes(left: float, top: float, width: float) -> list[tuple[float, float, float, float]]:
-    """Boxes (left, top, right, bottom) around a point for a label, the best liked first."""
+    """Boxes (left, top, right, bottom) for a label around its point, by preference."""
     half, middle = LINE / 2, width / 2
     corners = [(left + GAP, top - half), (left - GAP - width, top - half)]
     corners += [(left - middle, top - GAP - LINE), (left - middle, top + GAP)]
@@ -195,22 +177,22 @@ def _legend(series: Series, look: int) -> Markup:
     column, row = look % LEGEND_COLUMNS, look // LEGEND_COLUMNS
     left = LEFT + column * (WIDTH - LEFT - RIGHT) / LEGEND_COLUMNS
     top = HEIGHT + LEGEND_TOP + row * LEGEND_ROW
-    name = tag("text", series.name, x=f"{left + 12:.1f}", y=f"{top + 4:.1f}")
-    return join((mark(look, left, top, series.name), name))
+    name = element("text", series.name, x=f"{left + 12:.1f}", y=f"{top + 4:.1f}")
+    return mark(look, left, top, series.name) + name
 
 
 def mark(look: int, left: float, top: float, text: str) -> Markup:
     """The mark of a series; its shape tells it apart where its colour cannot."""
-    title = tag("title", text)
+    title = element("title", text)
     class_ = f"s{look % LOOKS} mark"
     shape = look % 4
     r = RADIUS
     if shape == 0:
-        return tag("circle", title, cx=f"{left:.1f}", cy=f"{top:.1f}", r=r, class_=class_)
+        return element("circle", title, cx=f"{left:.1f}", cy=f"{top:.1f}", r=r, class_=class_)
     corners = {
         1: ((-r, -r), (r, -r), (r, r), (-r, r)),
         2: ((0.0, -1.3 * r), (1.2 * r, r), (-1.2 * r, r)),
         3: ((0.0, -1.4 * r), (1.4 * r, 0.0), (0.0, 1.4 * r), (-1.4 * r, 0.0)),
     }[shape]
     path = " ".join(f"{left + dx:.1f},{top + dy:.1f}" for dx, dy in corners)
-    return tag("polygon", title, points=path, class_=class_)
+    return element("polygon", title, points=path, class_=class_)

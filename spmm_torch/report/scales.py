@@ -1,4 +1,4 @@
-"""Axes of plots: from values to places, and round values to mark on the way."""
+"""Axes of plots: positions of values, and ticks at round values."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-# Share of the span of the values that is left free at both ends.
+# Free space at both ends, as a fraction of the span of the values.
 MARGIN = 0.06
 TICKS, FEWEST = 6, 3
-# Steps between the ticks of a linear axis; places of ticks within a decade, coarser and coarser.
+# Steps between the ticks of a linear axis, and ticks within a decade from fine to coarse.
 LINEAR_STEPS = (1.0, 2.0, 5.0)
 DECADE_PLACES = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
 
 
 @dataclass(frozen=True)
 class Scale:
-    """From values to places on the page.
+    """Maps values to positions.
 
     Attributes:
-        low, high: ends of the axis; their logarithms where it is logarithmic.
-        start, stop: where those lie.
-        log: whether it is.
+        low, high: values at the ends of the axis; their log10 on a logarithmic axis.
+        start, stop: positions of the ends.
+        log: whether the axis is logarithmic.
     """
 
     low: float
@@ -32,14 +32,14 @@ class Scale:
 
     @classmethod
     def over(cls, values: Sequence[float], start: float, stop: float, log: bool) -> Scale:
-        """The scale that shows all `values`, with a margin."""
+        """The scale that holds all `values`, with a margin."""
         inner = [math.log10(value) if log else value for value in values]
         low, high = min(inner), max(inner)
         span = (high - low) or max(abs(high), 1.0) * 0.5
         return cls(low - MARGIN * span, high + MARGIN * span, start, stop, log)
 
     def __call__(self, value: float) -> float:
-        """The place of a value."""
+        """The position of a value."""
         inner = math.log10(value) if self.log else value
         return self.start + (inner - self.low) / (self.high - self.low) * (self.stop - self.start)
 
@@ -48,7 +48,7 @@ class Scale:
         if not self.log:
             return _linear_ticks(self.low, self.high)
         ticks = self._log_ticks()
-        # Within less than a decade equal steps say more.
+        # Less than a decade holds too few ticks; equal steps give more.
         return ticks if len(ticks) >= FEWEST else _linear_ticks(10.0**self.low, 10.0**self.high)
 
     def _log_ticks(self) -> list[float]:
@@ -69,8 +69,8 @@ def _linear_ticks(low: float, high: float) -> list[float]:
     return [round(index * step, 12) for index in range(first, last + 1)]
 
 
-def number(value: float) -> str:
-    """A tick's value, with a letter for thousands and millions: `0.5`, `4k`, `1.5M`."""
+def tick_text(value: float) -> str:
+    """The value of a tick, short: `0.5`, `4k`, `1.5M`."""
     for unit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if abs(value) >= unit:
             return f"{value / unit:g}{letter}"

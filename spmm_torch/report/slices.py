@@ -1,4 +1,4 @@
-"""The texture slices: original, lobes, model and difference at a few direction pairs."""
+"""Texture slices: original, lobes, model and difference at a few direction pairs."""
 
 from __future__ import annotations
 
@@ -13,18 +13,22 @@ from ..data.options import DISPLAY_GAMMA
 from ..metrics import snr_db
 from ..model.spmm import SPMM
 from ..render.display import display_codes, white_exposure
-from .markup import Markup, figure, join, picture, tag
-from .pairs import Pair, angles, choose_pairs
-from .pictures import png_uri, shared_gain
+from .pairs import Pair, choose_pairs, directions_text
+from .pictures import shared_gain
+from .views import Gallery, Picture, PictureRow
 from .wording import decibels, three_figures
-
-# Pictures are shown about this many pixels wide: larger ones look better smoothed.
-SHOWN_WIDTH = 220
 
 
 @dataclass(frozen=True)
 class Slice:
-    """One direction pair: linear pictures `[H, W, 3]`, and the factor they are shown with."""
+    """One direction pair.
+
+    Attributes:
+        title: what the pair shows.
+        directions: its angles, as text.
+        original, lobes, model: linear pictures `[H, W, 3]`.
+        factor: the exposure of all three.
+    """
 
     title: str
     directions: str
@@ -34,28 +38,27 @@ class Slice:
     factor: float
 
 
-def slices_section(
+def slice_gallery(
     model: SPMM, btf: BTF, pairs: Sequence[Pair] | None = None, title: str = "Texture slices"
-) -> Markup:
-    """Rows of pictures, one for each pair; of the pairs that show most by default."""
+) -> Gallery:
+    """A row of pictures for each pair; by default for the pairs of `choose_pairs`."""
     if pairs is None:
         pairs = choose_pairs(btf.light, btf.view, btf.missing)
     slices = take_slices(model, btf, pairs)
     gain = shared_gain([part.factor * (part.original - part.model) for part in slices])
     note = (
-        "Values are linear and cosine-weighted, shown with gamma 2.2. In each row all pictures "
-        "share one exposure, which maps the 99th percentile of the original to white. The "
-        f"difference is |original − model| times {gain}, residual included, under the same "
-        "exposure and gamma. SNR is that of the pair alone. Angles are polar / azimuth, azimuth "
+        "Values are linear and cosine-weighted, shown with gamma 2.2. All pictures of a row share "
+        "one exposure, which maps the 99th percentile of the original to white. The difference is "
+        f"|original − model| times {gain}, residual included, under the same exposure and gamma. "
+        "SNR is that of the pair alone. Angles are polar / azimuth; the azimuth is "
         "counter-clockwise from the right."
     )
-    rows = [_row(part, gain) for part in slices]
-    return join((tag("h2", title), tag("p", note, class_="quiet"), *rows))
+    return Gallery(title, note, tuple(_row(part, gain) for part in slices))
 
 
 @torch.no_grad()
 def take_slices(model: SPMM, btf: BTF, pairs: Sequence[Pair]) -> list[Slice]:
-    """Some pairs of the BTF and of its model."""
+    """Pictures of the BTF and of its model at some direction pairs."""
     slices = []
     for pair in pairs:
         wi, wo = btf.light[pair.light], btf.view[pair.view]
@@ -64,37 +67,33 @@ def take_slices(model: SPMM, btf: BTF, pairs: Sequence[Pair]) -> list[Slice]:
             model.picture(wi.to(model.light), wo.to(model.view), residual=residual).cpu().float()
             for residual in (False, True)
         )
-        directions = f"light {angles(wi)}, view {angles(wo)}"
         factor = white_exposure(original.numpy())
+        directions = directions_text(wi, wo)
         slices.append(Slice(pair.title, directions, original, lobes, whole, factor))
     return slices
 
 
 def slice_snr(original: Tensor, approximation: Tensor) -> float | None:
-    """SNR in decibels of one slice; None where the original is black."""
+    """SNR in decibels of one slice `[H, W, 3]`; None where the original is black."""
     energy = float(original.double().square().sum())
     error = float((original - approximation).double().square().sum())
     return snr_db(energy, error) if energy > 0.0 else None
 
 
-def _snr_note(original: Tensor, approximation: Tensor) -> str:
-    return f" · SNR {decibels(slice_snr(original, approximation))}"
+def _row(part: Slice, gain: int) -> PictureRow:
+    def picture(name: str, linear: Tensor, factor: float = 1.0, note: str = "") -> Picture:
+        codes = display_codes(linear, factor * part.factor, DISPLAY_GAMMA)
+        return Picture.of_texels(codes, f"{part.title}: {name}", name + note)
 
+    def snr(approximation: Tensor) -> str:
+        return f" · SNR {decibels(slice_snr(part.original, approximation))}"
 
-def _row(part: Slice, gain: int) -> Markup:
     difference = (part.original - part.model).abs()
-    shown: Sequence[tuple[str, Tensor, float, str]] = (
-        ("Original", part.original, 1.0, ""),
-        ("Lobes", part.lobes, 1.0, _snr_note(part.original, part.lobes)),
-        ("Lobes + residual", part.model, 1.0, _snr_note(part.original, part.model)),
-        (f"Difference × {gain}", difference, float(gain), ""),
+    pictures = (
+        picture("Original", part.original),
+        picture("Lobes", part.lobes, note=snr(part.lobes)),
+        picture("Lobes + residual", part.model, note=snr(part.model)),
+        picture(f"Difference × {gain}", difference, float(gain)),
     )
-    pixelated = part.original.shape[1] < SHOWN_WIDTH
-    figures = []
-    for name, linear, factor, note in shown:
-        uri = png_uri(display_codes(linear, factor * part.factor, DISPLAY_GAMMA))
-        image = picture(uri, f"{part.title}: {name}", pixelated=pixelated)
-        figures.append(figure(image, name, note))
-    where = f" · {part.directions} · exposure × {three_figures(part.factor)}"
-    heading = tag("h3", part.title, tag("span", where, class_="quiet"))
-    return tag("div", heading, tag("div", *figures, class_="slices"), class_="panel")
+    note = f"{part.directions} · exposure × {three_figures(part.factor)}"
+    return PictureRow(part.title, note, pictures)

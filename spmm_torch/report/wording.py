@@ -1,12 +1,15 @@
-"""Numbers as people read them; a value that is not known is a dash."""
+"""Numbers as people read them; an unknown value is a dash."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from ..runtime.progress import MINUTE, duration
 
 UNKNOWN = "–"
+# Seconds below which milliseconds are shown.
+SHORT = 0.1
 # The paper counts in these: 32 x 81^2 x 3 x 4 bytes are its "2.40 MB" [WDR11 §4.2].
 KILOBYTE, MEGABYTE, GIGABYTE = 1 << 10, 1 << 20, 1 << 30
 
@@ -19,8 +22,18 @@ def decibels(value: float | None) -> str:
 
 
 def signed(value: float, form: str) -> str:
-    """A formatted number with a true minus sign."""
+    """A number in a format of Python's, with a true minus sign."""
     return format(value, form).replace("-", "−")
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """A number with so many decimals; a dash where it is not finite."""
+    return UNKNOWN if value is None or not math.isfinite(value) else signed(value, f".{decimals}f")
+
+
+def percent(fraction: float | None, decimals: int = 1) -> str:
+    """`12.3 %` of a fraction of 1."""
+    return UNKNOWN if fraction is None else f"{fixed(100.0 * fraction, decimals)} %"
 
 
 def size(count: float | None) -> str:
@@ -48,6 +61,24 @@ def seconds(value: float | None) -> str:
     return f"{value:.2f} s" if value < 1.0 else f"{value:.1f} s"
 
 
+def short_seconds(value: float) -> str:
+    """`84.0 ms` below a tenth of a second, and `seconds` above."""
+    return f"{three_figures(1e3 * value)} ms" if value < SHORT else seconds(value)
+
+
+def median_time(times: Mapping[str, float]) -> str:
+    """`1.2 s ± 5 %`: the median of some runs, and half of their range where there are several.
+
+    Args:
+        times: `median`, `fastest` and `slowest` in seconds, and the number of `runs`.
+    """
+    text = short_seconds(times["median"])
+    if times["runs"] == 1:
+        return text
+    half_range = 0.5 * (times["slowest"] - times["fastest"])
+    return f"{text} ± {100.0 * half_range / times['median']:.0f} %"
+
+
 def ratio(value: float | None) -> str:
     """A compression ratio as `1:98`."""
     if value is None:
@@ -55,13 +86,13 @@ def ratio(value: float | None) -> str:
     return f"1:{value:,.0f}" if value >= 10.0 else f"1:{value:.1f}"
 
 
-def count(value: float | None) -> str:
+def number(value: float | None) -> str:
     """`12,345`, or `6.53` if it is not whole."""
     if value is None:
         return UNKNOWN
     return f"{value:,.0f}" if float(value).is_integer() else f"{value:,.2f}"
 
 
-def plural(number: int, noun: str) -> str:
+def plural(count: int, noun: str) -> str:
     """`1 texel`, `4,096 texels`."""
-    return f"{number:,} {noun}" + ("" if number == 1 else "s")
+    return f"{count:,} {noun}" + ("" if count == 1 else "s")

@@ -20,7 +20,7 @@ from ..errors import ConfigError, OutputError
 from ..model.spmm import SPMM
 from ..runtime.ranks import ALONE, Ranks
 from ..report import Report, write_html, write_report
-from ..report.markup import Markup
+from ..report.views import Gallery
 from ..runtime.atomic import write_atomic
 from ..runtime.tensor_file import MODEL_FILE
 
@@ -194,9 +194,9 @@ def write_run(
     report: Report,
     config: FitConfig,
     btf: BTF,
-    sections: Sequence[Markup] = (),
+    sections: Sequence[Gallery] = (),
 ) -> None:
-    """Writes model, settings and both reports into `folder`; `sections` go into the page."""
+    """Writes model, settings and both reports into `folder`; the page shows `sections` too."""
     write_atomic(folder / MODEL_FILE, model.pack())
     (folder / CONFIG).write_text(config.to_yaml(), encoding="utf-8")
     write_report(folder, report)

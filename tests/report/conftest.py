@@ -35,7 +35,8 @@ def build_model(directions: Tensor, height: int, width: int, most_lobes: int) ->
     code = 0.1 * torch.rand(CLUSTERS, count, count, 3, generator=generator)
     residual = Residual(code, torch.ones(CLUSTERS), directions, directions)
     labels = torch.randint(CLUSTERS, (texels,), generator=generator)
-    return SPMM(height, width, lobes, weights, labels, residual, directions, directions, NAME)
+    light = directions.clone()  # safetensors refuses tensors that share memory
+    return SPMM(height, width, lobes, weights, labels, residual, light, directions, NAME)
 
 
 def pictures_of(model: SPMM) -> BTF:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from xml.etree import ElementTree
 
 import pytest
+from markupsafe import Markup
 
 from spmm_torch.report.charts import COLUMN_HEIGHT, WIDTH, Bar, bar_chart, histogram
-from spmm_torch.report.markup import Markup
 
 Chart = Callable[[list[Bar]], Markup]
 CHARTS: list[Chart] = [

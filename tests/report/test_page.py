@@ -19,11 +19,12 @@ from PIL import Image
 from spmm_torch.data import BTF
 from spmm_torch.model.spmm import SPMM
 from spmm_torch.report import write_html
-from spmm_torch.report.markup import VOID, Markup, tag
 from spmm_torch.report.pairs import choose_pairs
 from spmm_torch.report.slices import slice_snr, take_slices
 
 Write = Callable[..., str]
+# Elements without an end tag.
+VOID = frozenset({"img", "meta"})
 
 
 class Page(HTMLParser):
@@ -89,7 +90,7 @@ def test_names_are_escaped(write: Write, btf: BTF, report: dict[str, Any]) -> No
     report["input"] = "<script>alert(1)</script>.zip"
     page = Page(write())
     assert not any(name in {"b", "script"} for name, _ in page.elements)
-    assert btf.name in page.text
+    assert page.text.count(btf.name) == 2  # heading and row of the table
     assert report["input"] in page.text
 
 
@@ -170,11 +171,3 @@ def test_a_black_slice_has_no_snr() -> None:
     black = torch.zeros(2, 2, 3)
     assert slice_snr(black, black + 1.0) is None
     assert slice_snr(black + 1.0, black + 1.0) == math.inf
-
-
-def test_tags_escape_all_but_markup() -> None:
-    assert tag("p", "a < b", Markup("<br>"), title='"&') == (
-        '<p title="&quot;&amp;">a &lt; b<br></p>'
-    )
-    assert tag("p", tag("b", "x") + "<i>") == "<p>&lt;b&gt;x&lt;/b&gt;&lt;i&gt;</p>"
-    assert tag("meta", name="a") == '<meta name="a">'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from importlib.resources import files
 from xml.etree import ElementTree
 
 import pytest
@@ -13,7 +14,6 @@ from spmm_torch.report.plots import (
     HEIGHT,
     LEFT,
     LOOKS,
-    PLOT_STYLE,
     RIGHT,
     TOP,
     WIDTH,
@@ -22,7 +22,7 @@ from spmm_torch.report.plots import (
     Series,
     plot,
 )
-from spmm_torch.report.scales import Scale, number
+from spmm_torch.report.scales import Scale, tick_text
 
 LINEAR, LOG = Axis("x <1> & more"), Axis("y", log=True)
 Place = tuple[float, float]
@@ -73,7 +73,13 @@ def test_series_look_different_and_are_named() -> None:
     ]
     assert len(set(classes)) == LOOKS
     assert all(f">name{k}<" in svg for k in range(LOOKS))
-    assert all(f"--s{k}:" in PLOT_STYLE for k in range(LOOKS))
+
+
+def test_every_look_has_a_colour_by_day_and_by_night() -> None:
+    style = (files("spmm_torch.report") / "templates" / "style.css.j2").read_text(encoding="utf-8")
+    for look in range(LOOKS):
+        assert style.count(f"--s{look}: #") == 2
+    assert f"range({LOOKS})" in style
 
 
 def test_only_joined_series_have_a_line() -> None:
@@ -107,5 +113,5 @@ def test_ticks_are_round_and_inside(low: float, high: float, log: bool) -> None:
 
 
 def test_numbers_are_short() -> None:
-    shown = [number(value) for value in (0.5, 4000.0, 1.5e6, -2.0, 2e9)]
+    shown = [tick_text(value) for value in (0.5, 4000.0, 1.5e6, -2.0, 2e9)]
     assert shown == ["0.5", "4k", "1.5M", "−2", "2G"]

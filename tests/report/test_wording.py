@@ -26,8 +26,11 @@ CASES = [
     (wording.seconds, 185.0, "3 min 05 s"),
     (wording.ratio, 98.4, "1:98"),
     (wording.ratio, 3.14159, "1:3.1"),
-    (wording.count, 12345, "12,345"),
-    (wording.count, 6.534, "6.53"),
+    (wording.short_seconds, 0.0844, "84.4 ms"),
+    (wording.short_seconds, 42.06, "42.1 s"),
+    (wording.percent, 0.1234, "12.3 %"),
+    (wording.number, 12345, "12,345"),
+    (wording.number, 6.534, "6.53"),
 ]
 
 
@@ -37,7 +40,16 @@ def test_wording(function: Callable[[float], str], value: float, text: str) -> N
 
 
 @pytest.mark.parametrize(
-    "function", [wording.decibels, wording.size, wording.seconds, wording.ratio, wording.count]
+    "function",
+    [
+        wording.decibels,
+        wording.size,
+        wording.seconds,
+        wording.ratio,
+        wording.number,
+        wording.percent,
+        lambda value: wording.fixed(value, 2),
+    ],
 )
 def test_what_is_not_known_is_a_dash(function: Callable[[float | None], str]) -> None:
     assert function(None) == "–"
@@ -46,3 +58,16 @@ def test_what_is_not_known_is_a_dash(function: Callable[[float | None], str]) ->
 def test_plural() -> None:
     assert wording.plural(1, "cluster") == "1 cluster"
     assert wording.plural(4096, "texel") == "4,096 texels"
+
+
+def test_fixed_decimals() -> None:
+    assert wording.fixed(-0.125, 2) == "−0.12"
+    assert wording.fixed(math.inf, 2) == wording.fixed(math.nan, 2) == "–"
+
+
+@pytest.mark.parametrize(
+    ("runs", "text"), [(1, "2.0 s"), (5, "2.0 s ± 25 %")], ids=["one run", "five runs"]
+)
+def test_the_range_is_that_of_several_runs(runs: int, text: str) -> None:
+    times = {"median": 2.0, "fastest": 1.5, "slowest": 2.5, "runs": runs}
+    assert wording.median_time(times) == text

@@ -1,20 +1,17 @@
-"""Section peers: other ways to do the same, whole and by part."""
+"""Charts of the section peers: other ways to do the same."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ...report import wording
-from ...report.markup import Markup, join, table, tag
 from ...report.plots import Axis, Point, Series, plot
+from ...report.views import Chart
+from ...report.wording import decibels, median_time, size
 from ..peers.problem import SEARCH, SELECTION, WHOLE
-from .parts import Row, duration, finite_rows, panel, panels, section, time
 
-TEXT = (
-    "All start from decoded values. Vector quantization and local PCA get the bytes of our default "
-    "model in float16; the neural BTF is trained for as long as our default fit takes, and longer."
-)
+Row = Mapping[str, Any]
+# Heading and note of each group, in the order of the page.
 GROUPS = {
     WHOLE: ("Whole models", "Every texel."),
     SEARCH: (
@@ -26,61 +23,26 @@ GROUPS = {
         "Some texels, evenly spread, and the lobes of our default model.",
     ),
 }
-HEAD = ("Method", "time", "a texel", "SNR", "lobes a texel", "size", "texels")
 
 
-def peers_section(part: Mapping[str, Any]) -> Markup:
-    """Plots of whole models, a table for each group, and who is missing."""
-    whole = finite_rows(row for row in part["rows"] if row["group"] == WHOLE)
-    timed = [(row["seconds"]["median"], row) for row in whole]
-    sized = [(row["bytes"], row) for row in whole]
-    note = "Every method is named."
-    pictures = (
-        ("Time against SNR", _plot(timed, Axis("seconds", log=True), "Time against SNR"), note),
-        ("Bytes against SNR", _plot(sized, Axis("bytes", log=True), "Bytes against SNR"), note),
-    )
-    tables = [_group(group, part["rows"]) for group in GROUPS]
-    missing = [f"{row['peer']} was skipped: {row['reason']}." for row in part["skipped"]]
-    return section(
-        "Other methods", TEXT, panels(*pictures), *tables, *(tag("p", m) for m in missing)
-    )
+def peer_charts(part: Mapping[str, Any]) -> tuple[Chart, ...]:
+    """Plots of whole models: time against SNR, and bytes against SNR."""
+    # An exact model has no SNR, so it has no place on a plot.
+    rows = [row for row in part["rows"] if row["group"] == WHOLE and row["snr_db"] is not None]
+    timed = [(row["seconds"]["median"], row) for row in rows]
+    sized = [(row["bytes"], row) for row in rows]
+    return _chart(timed, "seconds", "Time against SNR"), _chart(sized, "bytes", "Bytes against SNR")
 
 
-def _plot(rows: list[tuple[float, Row]], axis: Axis, title: str) -> Markup:
-    ours = [pair for pair in rows if pair[1]["peer"] == "spmm"]
-    others = [pair for pair in rows if pair[1]["peer"] != "spmm"]
-    series = [
-        Series(name, [Point(cost, row["snr_db"], _told(row), row["name"]) for cost, row in pairs])
-        for name, pairs in (("ours", ours), ("others", others))
-    ]
-    return plot(series, axis, Axis("SNR in dB"), title)
-
-
-def _told(row: Row) -> str:
-    return (
-        f"{row['name']}: {time(row['seconds'])}, {wording.decibels(row['snr_db'])}, "
-        f"{wording.size(row['bytes'])}"
-    )
-
-
-def _group(group: str, rows: list[Row]) -> Markup:
-    title, text = GROUPS[group]
-    own = [row for row in rows if row["group"] == group]
-    notes = [
-        tag("p", f"{row['name']}: {row['note']}.", class_="quiet") for row in own if row["note"]
-    ]
-    shown = table(HEAD, *(_cells(row) for row in own))
-    return panel(join((tag("h3", title), tag("p", text, class_="quiet"), shown, *notes)))
-
-
-def _cells(row: Row) -> tuple[str, ...]:
-    lobes = row["mean_basis_per_texel"]
-    return (
-        row["name"],
-        time(row["seconds"]),
-        duration(row["seconds"]["median"] / row["texels"]),
-        wording.decibels(row["snr_db"]),
-        wording.UNKNOWN if lobes is None else wording.three_figures(lobes),
-        wording.size(row["bytes"]),
-        wording.count(row["texels"]),
-    )
+def _chart(costs: Sequence[tuple[float, Row]], unit: str, title: str) -> Chart:
+    points: dict[str, list[Point]] = {"ours": [], "others": []}
+    for cost, row in costs:
+        text = (
+            f"{row['name']}: {median_time(row['seconds'])}, {decibels(row['snr_db'])}, "
+            f"{size(row['bytes'])}"
+        )
+        owner = "ours" if row["peer"] == "spmm" else "others"
+        points[owner].append(Point(cost, row["snr_db"], text, row["name"]))
+    series = [Series(owner, own) for owner, own in points.items()]
+    drawing = plot(series, Axis(unit, log=True), Axis("SNR in dB"), title)
+    return Chart(title, drawing, "Every method is named.")

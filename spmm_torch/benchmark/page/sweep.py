@@ -1,4 +1,4 @@
-"""Section sweep: time against SNR and bytes against SNR of our own settings."""
+"""Charts of the section sweep: time and bytes of our own settings against their SNR."""
 
 from __future__ import annotations
 
@@ -6,88 +6,48 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from ...report import wording
-from ...report.markup import Markup, table
 from ...report.plots import Axis, Point, Series, plot
-from .parts import Row, panel, panels, section, time
+from ...report.views import Chart
+from ...report.wording import decibels, median_time, size
 
-TEXT = (
-    "Each variant changes one setting of the default. A setting is on a front if no other has as "
-    "high a mean of the two SNRs at a lower cost, or a higher one at no more: in seconds, in bytes "
-    "or in both, where another must be neither slower nor larger. Variants that differ from "
-    "another one only behind the search take its clusters and lobes over, with the seconds that "
-    "those took."
-)
-HEAD = (
-    "Settings",
-    "time",
-    "SNR lobes",
-    "SNR with residual",
-    "lobes a texel",
-    "lobes",
-    "size",
-    "peak memory",
-    "on the front",
-)
+Row = Mapping[str, Any]
 KINDS = {"without_residual": "SNR of lobes alone", "with_residual": "SNR with residual"}
 SECONDS, BYTES = Axis("seconds from file to model", log=True), Axis("bytes of the model", log=True)
 Cost = Callable[[Row], float]
 
 
-def sweep_section(part: Mapping[str, Any]) -> Markup:
-    """Plots of both errors over both costs, and a table of all settings."""
-    rows = part["rows"]
+def sweep_charts(part: Mapping[str, Any]) -> tuple[Chart, ...]:
+    """Plots of both errors over both costs."""
     costs: tuple[tuple[str, str, Axis, Cost], ...] = (
         ("Time", "seconds", SECONDS, lambda row: row["seconds"]["median"]),
         ("Bytes", "bytes", BYTES, lambda row: row["bytes"]["total"]),
     )
-    pictures = [
-        (
-            f"{name} against {title}",
-            plot(_series(rows, kind, front, cost), axis, Axis("dB"), f"{name} against {title}"),
-            "Settings that ship are named; the others tell their name under the pointer.",
-        )
-        for name, front, axis, cost in costs
-        for kind, title in KINDS.items()
-    ]
-    shown = panel(table(HEAD, *(_cells(row) for row in rows)))
-    return section("Our own settings", TEXT, panels(*pictures), shown)
+    caption = "Only shipped settings are labelled; point at a mark for its name."
+    charts = []
+    for name, front, axis, cost in costs:
+        for kind, error in KINDS.items():
+            title = f"{name} against {error}"
+            series = _series(part["rows"], kind, front, cost)
+            charts.append(Chart(title, plot(series, axis, Axis("dB"), title), caption))
+    return tuple(charts)
 
 
 def _series(rows: list[Row], kind: str, front: str, cost: Cost) -> list[Series]:
-    def points(chosen: list[Row], labelled: bool) -> list[Point]:
-        return [
-            Point(
-                cost(row),
-                math.nan if row["snr_db"][kind] is None else row["snr_db"][kind],
-                f"{row['name']}: {time(row['seconds'])}, "
-                f"{wording.decibels(row['snr_db'][kind])}, {wording.size(row['bytes']['total'])}",
-                row["name"] if labelled else "",
-            )
-            for row in chosen
-        ]
-
-    own = [row for row in rows if row["group"] == "shipped"]
+    shipped = [row for row in rows if row["group"] == "shipped"]
     others = [row for row in rows if row["group"] != "shipped"]
     best = [row for row in others if row["on_front"][front]]
     rest = [row for row in others if not row["on_front"][front]]
     return [
-        Series("settings that ship", points(own, True)),
-        Series("variants on the front", points(best, False)),
-        Series("other variants", points(rest, False)),
+        Series("shipped settings", [_point(row, kind, cost, row["name"]) for row in shipped]),
+        Series("variants on the front", [_point(row, kind, cost) for row in best]),
+        Series("other variants", [_point(row, kind, cost) for row in rest]),
     ]
 
 
-def _cells(row: Row) -> tuple[str, ...]:
-    snr, front = row["snr_db"], row["on_front"]
-    return (
-        row["name"],
-        time(row["seconds"]),
-        wording.decibels(snr["without_residual"]),
-        wording.decibels(snr["with_residual"]),
-        wording.three_figures(row["mean_basis_per_texel"]),
-        wording.count(row["total_basis"]),
-        wording.size(row["bytes"]["total"]),
-        wording.size(row["peak_memory_bytes"]),
-        ", ".join(cost for cost in front if front[cost]) or wording.UNKNOWN,
+def _point(row: Row, kind: str, cost: Cost, label: str = "") -> Point:
+    snr = row["snr_db"][kind]
+    text = (
+        f"{row['name']}: {median_time(row['seconds'])}, {decibels(snr)}, "
+        f"{size(row['bytes']['total'])}"
     )
+    return Point(cost(row), math.nan if snr is None else snr, text, label)
