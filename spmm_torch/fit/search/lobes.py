@@ -10,6 +10,7 @@ from ...data import BTF
 from ...data.error_weights import UNIFORM, Weights
 from ...lobes.batch import Feasible, decode
 from ...lobes.grid import DirectionGrid
+from ...solvers.multistart import StartTally
 from ..dictionary import FoundLobes
 from .bank import build_bank
 from .joint import FEW_ROWS, Advance, CorrectiveSearch
@@ -60,6 +61,7 @@ def search_lobes(
     bank = build_bank(grid, search.models, bank_normals(search, len(texels)), feasible)
     fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
     signals = weights.signals(btf, texels, grid.light.device)  # [S, C, D]
+    finder: StagewiseSearch | CorrectiveSearch
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
             grid, bank, feasible, search, config.stagewise, signals, generator
@@ -69,15 +71,15 @@ def search_lobes(
         bounds = fine if len(known) else feasible
         finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
     mixtures = finder.run(advance)
-    return _found(mixtures, clusters, signals, finder.tally.to_tensor())
+    return _found(mixtures, clusters, signals, finder.tally)
 
 
-def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, starts: Tensor) -> FoundLobes:
+def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, tally: StartTally) -> FoundLobes:
     """All lobes that carry weight, and how well the sample of each is fit."""
     used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
     host = used.cpu()
     lobes = decode(mixtures.model[host], mixtures.coordinates[used])
     energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
-    wide = [column.cpu()[:, None].expand(host.shape)[host] for column in (clusters, error)]
-    return FoundLobes(lobes, *wide, starts)
+    cluster, error = (x.cpu()[:, None].expand(host.shape)[host] for x in (clusters, error))
+    return FoundLobes(lobes, cluster, error, tally.to_tensor(), tally.solvers)
