@@ -84,13 +84,15 @@ class StatusCounts:
         return cls(torch.zeros(len(Solver), len(Status), dtype=torch.long))
 
     @classmethod
-    def of(cls, solver: Solver, status: Tensor) -> StatusCounts:
+    def of(cls, solver: Solver, status: Tensor | Status) -> StatusCounts:
         """Counts of the problems of one solver, on their device.
 
         Args:
             solver: the one that ended them.
-            status: int8 of any shape.
+            status: int8 of any shape, or that of a single problem.
         """
+        if isinstance(status, Status):
+            status = torch.tensor(status, dtype=STATUS_DTYPE)
         table = torch.zeros(len(Solver), len(Status), dtype=torch.long, device=status.device)
         table[solver] = count_by_status(status)
         return cls(table)

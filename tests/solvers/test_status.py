@@ -39,7 +39,7 @@ def test_counts_of_parts_add_up_to_those_of_the_whole() -> None:
 
 def test_solvers_do_not_mix() -> None:
     both = StatusCounts.of(Solver.NNLS, statuses(Status.LIMIT, Status.CONVERGED))
-    both = both + StatusCounts.of(Solver.KMEANS, statuses(Status.CONVERGED))
+    both = both + StatusCounts.of(Solver.KMEANS, Status.CONVERGED)
     counts = both.to_dict()
     assert list(counts) == [
         "nnls",
