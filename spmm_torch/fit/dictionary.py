@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
@@ -10,6 +10,7 @@ from torch import Tensor
 from ..config.fit import DictionaryConfig
 from ..lobes.batch import LobeBatch
 from ..lobes.grid import DirectionGrid, distinct
+from ..solvers.status import StatusCounts
 from .problem import Problem
 
 
@@ -23,27 +24,30 @@ class FoundLobes:
         error: share of its sample's energy that the sample's lobes leave, `[N]` on the CPU.
         starts: how many starts there were, how many of them met NaN or infinity, and from how
             many no step went down, `[3]` on the CPU.
+        solvers: problems of the search by solver and status.
     """
 
     lobes: LobeBatch
     cluster: Tensor
     error: Tensor
     starts: Tensor
+    solvers: StatusCounts = field(default_factory=StatusCounts.none)
 
     def on_cpu(self) -> FoundLobes:
-        """The same with the lobes on the CPU."""
-        return replace(self, lobes=self.lobes.to("cpu"))
+        """The same with everything on the CPU."""
+        return replace(self, lobes=self.lobes.to("cpu"), solvers=self.solvers.to("cpu"))
 
     def to_tensors(self) -> dict[str, Tensor]:
         """For a checkpoint."""
         own = {name: getattr(self, name) for name in ("cluster", "error", "starts")}
-        return {**own, **vars(self.lobes)}
+        return {**own, "solvers": self.solvers.table, **vars(self.lobes)}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> FoundLobes:
         """From a checkpoint, on the CPU."""
         parts = (tensors[name] for name in ("model", "kappa", "normal", "angle"))
-        return cls(LobeBatch(*parts), *(tensors[name] for name in ("cluster", "error", "starts")))
+        cluster, error, starts = (tensors[name] for name in ("cluster", "error", "starts"))
+        return cls(LobeBatch(*parts), cluster, error, starts, StatusCounts(tensors["solvers"]))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Batched projected Adam that keeps the best point of every row.
 
 References:
-    [KB15] Kingma, Ba, Adam: A Method for Stochastic Optimization, ICLR 2015, algorithm 1.
+    [KB15] Diederik P. Kingma, Jimmy Ba, Adam: A Method for Stochastic Optimization, International
+        Conference on Learning Representations (ICLR), 2015, algorithm 1.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from spmm_torch.solvers.lbfgs import Objective, OptimizeResult, Projection
+from .lbfgs import Objective, OptimizeResult, Projection
+from .status import worst_status
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.999  # [KB15 §2], their defaults
 # [KB15 §2] has 1e-8 for gradients near 1; smaller, so that the units of a value do not matter.
@@ -35,8 +37,8 @@ def minimize_adam(
             `[R, P]`.
 
     Returns:
-        Best point and value of each row. No row is marked converged. A row that meets NaN or
-        infinity is frozen at its best point and flagged failed.
+        Best point and value of each row. A row that meets NaN or infinity stays at its best point
+        and ends NOT_FINITE. Every other row ends at the LIMIT of steps: Adam has no stopping rule.
     """
     x = project(start)
     best, best_value = x, torch.full_like(x[:, 0], torch.inf)
@@ -57,4 +59,4 @@ def minimize_adam(
         moved = project(x - learning_rate * unbiased / (spread + EPSILON))
         x = torch.where(failed[:, None], best, moved)
     none = torch.zeros_like(failed)
-    return OptimizeResult(best, best_value, none, failed, none)
+    return OptimizeResult(best, best_value, worst_status(none, none, failed))

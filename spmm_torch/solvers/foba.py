@@ -1,8 +1,12 @@
-"""Fully corrective forward selection and backward elimination on a support shared by channels.
+"""FoBa: forward selection and backward elimination of atoms, on a support shared by channels.
 
-The finite-dictionary fit with a refit after every step: where the stagewise Lasso creeps along its
-path in steps of eta, this takes an atom, solves the non-negative least squares of every channel on
-the support, and goes on with the true residual. The stopping rule is relative, per texel.
+Every step ends in a non-negative least-squares refit of all channels on the support, where the
+stagewise Lasso moves one weight by eta. The stopping rule is relative to the error of each texel.
+Elimination follows the whole forward path, where [Zha11] has it after every forward step.
+
+References:
+    [Zha11] Tong Zhang, Adaptive Forward-Backward Greedy Algorithm for Learning Sparse
+        Representations, IEEE Transactions on Information Theory 57(7), 2011.
 """
 
 from __future__ import annotations
@@ -13,30 +17,42 @@ import torch
 from torch import Tensor
 
 from ..runtime.memory import slices
-from .nnls import nnls_channels
+from .nnls import nnls_shared_gram
+from .status import STATUS_DTYPE, Status
 
 # Decreases under this fraction of the energy are float32 rounding of the correlations (60 dB).
-ENERGY_FLOOR = 1e-6
+LEAST_DECREASE = 1e-6
 # Relative ridge of the elimination bound: keeps the inverse finite for duplicated atoms.
 BOUND_RIDGE = 1e-10
 # Rounds of forward selection per slot: a slot emptied by the refit can be filled once more.
 ROUNDS_PER_SLOT = 2
-# Rows of the Gram matrix that are picked out at once, for the slots of some texels: 8 MB.
-SLOPE_ENTRIES = 1 << 21
+# Entries of the Gram rows that are gathered at once, for the slots of some texels: 8 MB.
+GRAM_ROW_ENTRIES = 1 << 21
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Sparse non-negative combination of each texel."""
+    """Sparse non-negative combination of each texel.
 
-    index: Tensor  # [T, M] long, atoms in order of selection, padded with -1
-    weights: Tensor  # [T, M, C], >= 0, zero where padded
-    error: Tensor  # [T], ||y - D x||^2 of all channels
+    Attributes:
+        index: atoms in the order of selection, `[T, M]` long, -1 for padding.
+        weights: `[T, M, C]`, non-negative, zero for padding.
+        error: ||y - D x||^2 of all channels, `[T]`.
+        status: `[T]` int8. CONVERGED: no further atom is worth it. LIMIT: of atoms, or of rounds.
+            NOT_FINITE: of a correlation or an error; the atoms before that stay.
+        nnls_status: of the refit that gave the weights, `[T, C]` int8.
+    """
+
+    index: Tensor
+    weights: Tensor
+    error: Tensor
+    status: Tensor
+    nnls_status: Tensor
 
 
 @dataclass(frozen=True)
 class _Texels:
-    """Inputs, channels first, with the stopping rule; T' of the T texels are looked at."""
+    """Inputs, channels first, and the stopping rule; T' of the T texels are at work."""
 
     gram: Tensor  # [J, J]
     correlation: Tensor  # [T, C, J]
@@ -46,11 +62,11 @@ class _Texels:
     rows: Tensor  # [T'], indices of texels
 
     def take(self, rows: Tensor) -> _Texels:
-        """Some of those that are looked at."""
+        """Some of those at work, by their places `rows` among the T'."""
         return replace(self, rows=self.rows[rows])
 
     def least_gain(self, error: Tensor) -> Tensor:
-        """Smallest decrease worth a lobe, given the summed error `[T']` without it."""
+        """Smallest decrease worth an atom `[T']`, given the error `[T']` without it."""
         gain = self.min_gain
         gain = gain[self.rows] if isinstance(gain, Tensor) else gain
         return torch.maximum(gain * error, self.floor * self.energy[self.rows])
@@ -63,16 +79,18 @@ class _Support:
     index: Tensor  # [T, M] long
     weights: Tensor  # [T, C, M] float64
     error: Tensor  # [T] float64
+    status: Tensor  # [T, C] int8, of the last refit
 
     def take(self, rows: Tensor) -> _Support:
-        return _Support(self.index[rows], self.weights[rows], self.error[rows])
+        return _Support(self.index[rows], self.weights[rows], self.error[rows], self.status[rows])
 
     def packed(self, slots: int) -> _Support:
-        """The same with lobes first, in `slots` columns, which must be enough."""
+        """The same with atoms first, in `slots` columns, which must be enough."""
         order = (self.index < 0).to(torch.uint8).argsort(dim=1, stable=True)[:, :slots]
         channels = self.weights.shape[1]
         weights = self.weights.gather(2, order[:, None].expand(-1, channels, -1))
-        return _Support(self.index.gather(1, order), weights, self.error).widened(slots)
+        index = self.index.gather(1, order)
+        return _Support(index, weights, self.error, self.status).widened(slots)
 
     def widened(self, slots: int) -> _Support:
         """The same with free slots behind, `slots` in all."""
@@ -80,16 +98,16 @@ class _Support:
         if more <= 0:
             return self
         pad = torch.nn.functional.pad
-        return _Support(
-            pad(self.index, (0, more), value=-1), pad(self.weights, (0, more)), self.error
-        )
+        index, weights = pad(self.index, (0, more), value=-1), pad(self.weights, (0, more))
+        return _Support(index, weights, self.error, self.status)
 
     def put(self, rows: Tensor, other: _Support) -> None:
+        """Overwrites the texels `rows` in place."""
         self.index[rows], self.weights[rows] = other.index, other.weights
-        self.error[rows] = other.error
+        self.error[rows], self.status[rows] = other.error, other.status
 
     def most(self) -> int:
-        """Lobes of the texel that has most."""
+        """Atoms of the texel that has most."""
         return int((self.index >= 0).sum(1).max()) if self.index.numel() else 0
 
 
@@ -100,34 +118,35 @@ def select_corrective(
     *,
     max_lobes: int | None,
     min_gain: float | Tensor,
-    floor: float = ENERGY_FLOOR,
+    floor: float = LEAST_DECREASE,
 ) -> Selection:
-    """Chooses up to `max_lobes` atoms a texel, shared by its channels, and their weights.
+    """Chooses up to `max_lobes` atoms a texel, shared by its channels, and their weights [Zha11].
 
-    Forward: the atom of largest guaranteed decrease sum_c max(g_jc, 0)^2 / G_jj enters, all
-    channels are refit by NNLS, and the texel stops when the decrease of the summed error is not
-    above `min_gain` times the error before it, nor above `floor` times the energy. Backward: the
-    lobe whose removal raises the error least leaves, as long as that raise, after the refit, is
-    within the same limit.
+    Forward: the atom of largest guaranteed decrease sum_c max(g_jc, 0)^2 / G_jj enters, where
+    g = D^T (y - D x), and all channels are refit by NNLS. A texel stops when the decrease of its
+    error is not above `min_gain` times the error before, nor above `floor` times the energy.
+    Backward: the atom whose removal raises the error least leaves, while the raise after the refit
+    is within the same limit.
 
     Args:
         gram: D^T D `[J, J]`; atoms need not have unit norm.
         correlation: D^T y `[T, J, C]`.
         energy: ||y||^2 of all channels, `[T]`.
         max_lobes: most atoms of one texel, M; None: any number, M is the largest that occurs.
-        min_gain: least relative decrease of the error that is worth one lobe, in [0, 1]; `[T]`
+        min_gain: least relative decrease of the error that is worth one atom, in [0, 1]; `[T]`
             float64 where it varies.
         floor: least decrease relative to the energy.
 
     Returns:
-        Atoms, weights and remaining error of each texel, dtype of `correlation`.
+        Atoms, weights and remaining error of each texel in the dtype of `correlation`, and how
+        each texel ended.
     """
     count, atoms, channels = correlation.shape
     energy = energy.double()
     by_channel = correlation.transpose(1, 2).contiguous()  # [T, C, J]
     everywhere = torch.arange(count, device=gram.device)
     texels = _Texels(gram.to(correlation.dtype), by_channel, energy, min_gain, floor, everywhere)
-    support = _select_forward(texels, atoms if max_lobes is None else max_lobes)
+    support, status = _select_forward(texels, atoms if max_lobes is None else max_lobes)
     support = support.packed(support.most())
     _eliminate_backward(texels, support)
     support = support.packed(support.most() if max_lobes is None else max_lobes)
@@ -135,16 +154,23 @@ def select_corrective(
         support.index,
         support.weights.transpose(1, 2).to(correlation.dtype),
         support.error.to(correlation.dtype),
+        status,
+        support.status,
     )
 
 
-def _select_forward(texels: _Texels, slots: int) -> _Support:
-    """Adds atoms until every texel has stopped; as wide as the rounds that this took."""
-    count, channels, _ = texels.correlation.shape
+def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
+    """Adds atoms until every texel has stopped: support, and how each texel ended `[T]`.
+
+    The support is as wide as the rounds that this took.
+    """
+    count, channels, atoms = texels.correlation.shape
+    status = torch.full_like(texels.rows, Status.CONVERGED, dtype=STATUS_DTYPE)
     support = _Support(
         texels.rows.new_zeros(count, 0),
         texels.energy.new_zeros(count, channels, 0),
         texels.energy.clone(),
+        status[:, None].repeat(1, channels),
     )
     for step in range(ROUNDS_PER_SLOT * slots):
         if not texels.rows.numel():
@@ -152,49 +178,59 @@ def _select_forward(texels: _Texels, slots: int) -> _Support:
         # Free slots are filled from the front, so that the first rounds solve smaller systems.
         support = support.widened(min(step + 1, slots))
         current = support.take(texels.rows)
-        trial, possible = _add_atom(texels, current)
+        trial, best = _add_atom(texels, current)
         gain = current.error - trial.error  # [T']
-        kept = (possible & (gain > texels.least_gain(current.error))).nonzero()[:, 0]
+        finite = (best + gain).isfinite()
+        status[texels.rows] = torch.where(finite, Status.CONVERGED, Status.NOT_FINITE).to(status)
+        kept = ((best > 0) & (gain > texels.least_gain(current.error))).nonzero()[:, 0]
         texels, trial = texels.take(kept), trial.take(kept)
-        dead = (trial.weights == 0).all(1)  # [T', m]: lobes that the refit made useless
+        dead = (trial.weights == 0).all(1)  # [T', m]: atoms that the refit made useless
         trial.index.masked_fill_(dead, -1)
         support.put(texels.rows, trial)
         if support.index.shape[1] == slots:
-            texels = texels.take((trial.index < 0).any(-1).nonzero()[:, 0])
-    return support
+            free = (trial.index < 0).any(-1)  # [T']
+            if slots < atoms:
+                status[texels.rows] = torch.where(free, Status.CONVERGED, Status.LIMIT).to(status)
+            texels = texels.take(free.nonzero()[:, 0])
+    if atoms:
+        status[texels.rows] = Status.LIMIT
+    return support, status
 
 
 def _add_atom(texels: _Texels, current: _Support) -> tuple[_Support, Tensor]:
-    """Support with the best new atom, refit, and where one exists `[T]`."""
+    """Support with the best atom in its first free slot, refit; guaranteed decrease `[T']`.
+
+    Where that is not positive no atom enters.
+    """
     index, weights = current.index, current.weights
     best, atom = _best_atoms(texels, current)
     is_free = index < 0
-    slot = is_free.to(torch.uint8).argmax(-1, keepdim=True)  # [T, 1], the first free one
-    possible = (best > 0) & is_free.any(-1)
-    entering = torch.zeros_like(is_free).scatter_(1, slot, possible[:, None])
+    slot = is_free.to(torch.uint8).argmax(-1, keepdim=True)  # [T', 1], the first free one
+    entering = torch.zeros_like(is_free).scatter_(1, slot, (best > 0)[:, None])
     index = torch.where(entering, atom[:, None], index)
-    return _refit(texels, index, (weights > 0) | entering[:, None]), possible
+    return _refit(texels, index, (weights > 0) | entering[:, None]), best
 
 
 def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
-    """Guaranteed decrease `[T]` by the best atom `[T]` that is not in the support."""
+    """Guaranteed decrease `[T']` by the best atom `[T']` that is not in the support."""
     slots, atoms = current.index.shape[1], texels.gram.shape[0]
     norm = texels.gram.diagonal()  # [J]
     inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
-    parts = []
-    for part in slices(len(current.index), max(1, SLOPE_ENTRIES // (slots * atoms))):
+    parts: list[tuple[Tensor, Tensor]] = []
+    for part in slices(len(current.index), max(1, GRAM_ROW_ENTRIES // (slots * atoms))):
         place = current.index[part].clamp_min(0)  # [t, m]; free slots have no weight
         lines = texels.gram.index_select(0, place.flatten()).view(*place.shape, atoms)
         weights = current.weights[part].to(lines.dtype)  # [t, C, m]
-        slope = texels.correlation.index_select(0, texels.rows[part])  # [t, C, J]
-        slope.baddbmm_(weights, lines, alpha=-1)
-        score = slope.clamp_(min=0).square_().sum(1) * inverse  # [t, J]
+        residual = texels.correlation.index_select(0, texels.rows[part])  # D^T y, [t, C, J]
+        residual.baddbmm_(weights, lines, alpha=-1)  # D^T (y - D x)
+        score = residual.clamp_(min=0).square_().sum(1) * inverse  # [t, J]
         # The first atom stands for the free slots: it is put back unless it is in the support.
         first = torch.where((current.index[part] == 0).any(1), 0.0, score[:, 0])
         score.scatter_(1, place, 0.0)
         score[:, 0] = first
-        parts.append(score.max(-1))
-    return tuple(torch.cat(column) for column in zip(*parts, strict=True))
+        best, atom = score.max(-1)
+        parts.append((best, atom))
+    return torch.cat([best for best, _ in parts]), torch.cat([atom for _, atom in parts])
 
 
 def _refit(texels: _Texels, index: Tensor, guess: Tensor) -> _Support:
@@ -203,15 +239,16 @@ def _refit(texels: _Texels, index: Tensor, guess: Tensor) -> _Support:
     gram = texels.gram[place[:, :, None], place[:, None, :]].double()  # [T', m, m]
     channel = torch.arange(guess.shape[1], device=place.device)[:, None]
     rhs = texels.correlation[texels.rows[:, None, None], channel, place[:, None]].double()
-    weights = nnls_channels(gram, rhs, allowed=index >= 0, guess=guess)  # [T', C, m]
+    refit = nnls_shared_gram(gram, rhs, allowed=index >= 0, guess=guess)
+    weights = refit.weights  # [T', C, m]
     error = texels.energy[texels.rows] + (weights * (weights @ gram - 2 * rhs)).sum((1, 2))
-    return _Support(index, weights, error.clamp_min(0))
+    return _Support(index, weights, error.clamp_min(0), refit.status)
 
 
 def _eliminate_backward(texels: _Texels, support: _Support) -> None:
-    """Drops lobes, in place, while the raise of the error is within the limit.
+    """Drops atoms, in place, while the raise of the error is within the limit.
 
-    Each round refits without the lobe of least lower bound on the raise, in the texels where that
+    Each round refits without the atom of least lower bound on the raise, in the texels where that
     bound is within the limit.
     """
     used = support.index.shape[1]
@@ -234,7 +271,7 @@ def _eliminate_backward(texels: _Texels, support: _Support) -> None:
 
 
 def _raise_bound(gram: Tensor, current: _Support) -> Tensor:
-    """Lower bound of the rise of the summed error when a lobe is removed, `[T, M]`.
+    """Lower bound of the rise of the error when an atom is removed, `[T, M]`.
 
     At an optimum x, any feasible x' has f(x') - f(x) >= (x' - x)^T G (x' - x), whose least value
     with x'_i = 0 is x_i^2 / (G^-1)_ii over the support.

@@ -1,9 +1,11 @@
 """k-means with greedy k-means++ seeding, exact on degenerate data.
 
 References:
-    [AV07] Arthur, Vassilvitskii, k-means++: The Advantages of Careful Seeding, SODA 2007; the
-        greedy variant with several candidates a centre is their §4 remark, as in scikit-learn.
-    [Llo82] Lloyd, Least Squares Quantization in PCM, IEEE Trans. Inf. Theory 28(2), 1982.
+    [AV07] David Arthur, Sergei Vassilvitskii, k-means++: The Advantages of Careful Seeding,
+        ACM-SIAM Symposium on Discrete Algorithms (SODA), 2007; the greedy variant with several
+        candidates a centre is their §4 remark, as in scikit-learn.
+    [Llo82] Stuart P. Lloyd, Least Squares Quantization in PCM, IEEE Transactions on Information
+        Theory 28(2), 1982.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from spmm_torch.errors import ConfigError, DataError
+from ..errors import ConfigError, DataError
+from .status import Status
 
 # Doubles in one block of point-to-centre distances (32 MiB): bounds memory for any N.
 BLOCK_ELEMENTS = 2**22
@@ -22,11 +25,20 @@ BLOCK_ELEMENTS = 2**22
 
 @dataclass(frozen=True)
 class KMeansResult:
-    """Clusters, none of them empty."""
+    """Clusters, none of them empty.
 
-    labels: Tensor  # [N] long, 0 .. K - 1
-    centers: Tensor  # [K, P], means of their points
-    objective: float  # sum of squared distances
+    Attributes:
+        labels: `[N]` long, 0 to K - 1.
+        centers: means of their points, `[K, P]`.
+        objective: sum of squared distances.
+        status: CONVERGED: the labels stopped changing, or every distinct point is a centre.
+            LIMIT: of iterations.
+    """
+
+    labels: Tensor
+    centers: Tensor
+    objective: float
+    status: Status
 
 
 def kmeans(
@@ -45,14 +57,14 @@ def kmeans(
         points: `[N, P]`, finite, N >= 1.
         k: clusters wanted; with fewer distinct points there are as many clusters as those.
         generator: CPU generator, the only source of randomness.
-        iterations: most Lloyd iterations; fewer when the labels stop changing.
+        iterations: most iterations of Lloyd's algorithm; they end when the labels stop changing.
         candidates: candidates tried for each centre; default 2 + log k as in scikit-learn.
-        resolution: how far each point may be off, `[N]`: nearer to a centre than this it is no
-            point of its own. Default: 0, points are exact.
-        weights: of the points in the objective and in the means, `[N]`, positive; None: 1.
+        resolution: uncertainty of each point, `[N]`; nearer to a centre than this it counts as a
+            copy of it. Default: 0, points are exact.
+        weights: of the points in the objective and in the means, `[N]`, positive. Default: 1.
 
     Returns:
-        Labels, centres in the dtype of `points`, and the objective.
+        Labels, centres in the dtype of `points`, the objective and the status.
 
     Raises:
         ConfigError: if k is not positive.
@@ -72,14 +84,15 @@ def kmeans(
     blur = points.new_zeros(len(points)) if resolution is None else resolution
     centers, remaining = _seed(shifted, k, tries, generator, blur.double().square(), weight)
     if remaining > 0:
-        labels = _lloyd(shifted, centers, iterations, weight)
+        labels, status = _lloyd(shifted, centers, iterations, weight)
     else:  # every distinct point is a centre: there is nothing to improve
-        labels = _assign_exactly(shifted, centers)
+        labels, status = _assign_exactly(shifted, centers), Status.CONVERGED
     centers = _means(shifted, labels, centers.shape[0], weight)
     errors = (shifted - centers[labels]).square().sum(1)
     objective = _weighted(errors, weight).sum().item()
     centers = centers + points.double().mean(0)
-    return KMeansResult(labels, centers.to(points.dtype), objective if remaining > 0 else 0.0)
+    objective = objective if remaining > 0 else 0.0
+    return KMeansResult(labels, centers.to(points.dtype), objective, status)
 
 
 def _weighted(errors: Tensor, weight: Tensor | None) -> Tensor:
@@ -145,8 +158,10 @@ def _assign(points: Tensor, centers: Tensor) -> tuple[Tensor, Tensor]:
     return torch.cat(labels), torch.cat(least).clamp_min(0)
 
 
-def _lloyd(points: Tensor, centers: Tensor, iterations: int, weight: Tensor | None) -> Tensor:
-    """Lloyd iterations until the labels stay; labels `[N]`, every cluster with a point."""
+def _lloyd(
+    points: Tensor, centers: Tensor, iterations: int, weight: Tensor | None
+) -> tuple[Tensor, Status]:
+    """Lloyd iterations until the labels stay; labels `[N]`, every cluster with a point [Llo82]."""
     labels, distance = _assign(points, centers)
     labels = _fill_empty(points, labels, distance, centers.shape[0])
     for _ in range(iterations):
@@ -154,9 +169,9 @@ def _lloyd(points: Tensor, centers: Tensor, iterations: int, weight: Tensor | No
         moved, distance = _assign(points, centers)
         moved = _fill_empty(points, moved, distance, centers.shape[0])
         if torch.equal(moved, labels):
-            break
+            return labels, Status.CONVERGED
         labels = moved
-    return labels
+    return labels, Status.LIMIT
 
 
 def _fill_empty(points: Tensor, labels: Tensor, distance: Tensor, k: int) -> Tensor:

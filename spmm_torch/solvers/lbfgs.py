@@ -1,15 +1,16 @@
 """Batched projected L-BFGS: every row is a problem of its own.
 
-`torch.optim.LBFGS` flattens all rows into one vector with one history and one line search; here
-each row has its own history, its own step length and its own end, so that neither the batch nor a
-bad row changes another. One call of the objective serves all rows, each wherever it stands: a row
-that accepts its trial goes on with a new direction while another still shortens its step.
+`torch.optim.LBFGS` flattens all rows into one vector with one history and one line search. Here
+each row has its own history, step length and end, so that neither the batch nor a bad row changes
+another. One call of the objective serves all rows: a row that accepts its trial takes a new
+direction while another still shortens its step.
 
 References:
-    [NW06] Nocedal, Wright, Numerical Optimization, 2006, algorithm 7.4 (two-loop recursion) and
-        §3.1 (backtracking).
-    [Ber82] Bertsekas, Projected Newton Methods for Optimization Problems with Simple Constraints,
-        SIAM J. Control Optim. 20(2), 1982: coordinates held by a bound keep out of the metric.
+    [NW06] Jorge Nocedal, Stephen J. Wright, Numerical Optimization, 2nd edition, Springer, 2006,
+        algorithm 7.4 (two-loop recursion) and §3.1 (backtracking).
+    [Ber82] Dimitri P. Bertsekas, Projected Newton Methods for Optimization Problems with Simple
+        Constraints, SIAM Journal on Control and Optimization 20(2), 1982: coordinates held by a
+        bound keep out of the metric.
 """
 
 from __future__ import annotations
@@ -20,7 +21,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from .status import worst_status
+
+# Maps points `[R, P]` to values `[R]` and gradients `[R, P]`, row by row.
 Objective = Callable[[Tensor], tuple[Tensor, Tensor]]
+# Maps points `[R, P]` to the nearest feasible ones, row by row.
 Projection = Callable[[Tensor], Tensor]
 
 # Armijo's sufficient decrease [NW06 §3.1].
@@ -39,13 +44,17 @@ EVALUATIONS_PER_CHECK = 4
 
 @dataclass(frozen=True)
 class OptimizeResult:
-    """Best point seen of each row."""
+    """Best point seen of each row, and how the row ended.
 
-    x: Tensor  # [R, P]
-    value: Tensor  # [R]
-    converged: Tensor  # [R] bool
-    failed: Tensor  # [R] bool, the objective or its gradient was NaN or infinite
-    stuck: Tensor  # [R] bool, no line search from the start found a lower value
+    Attributes:
+        x: `[R, P]`.
+        value: `[R]`.
+        status: `[R]` int8.
+    """
+
+    x: Tensor
+    value: Tensor
+    status: Tensor
 
 
 @dataclass
@@ -61,7 +70,7 @@ class _State:
     steps: Tensor  # [R, M, P], x differences, newest first, zero where unused
     changes: Tensor  # [R, M, P], gradient differences
     converged: Tensor  # [R] bool
-    failed: Tensor  # [R] bool
+    failed: Tensor  # [R] bool, NaN or infinity where a number is needed
     stalled: Tensor  # [R] bool, no decrease along the steepest descent either
 
 
@@ -79,12 +88,14 @@ def minimize_lbfgs(
 ) -> OptimizeResult:
     """Minimizes R independent functions over a convex set, each row on its own.
 
-    A trial that is NaN or infinite is a step too long and is shortened; a row whose start, or
-    whose every trial, is NaN or infinite is frozen at its best point and flagged failed.
+    A trial that is NaN or infinite is a step too long and is shortened. A row whose start, or
+    whose every trial, is NaN or infinite stays at its best point and ends NOT_FINITE. A row whose
+    first line search finds no lower value ends NO_DESCENT; where a later one finds none, what is
+    left is rounding, and the row has CONVERGED.
 
     Args:
-        objective: maps `[R, P]` to values `[R]` and gradients `[R, P]`; row r must depend on row r
-            of its input only.
+        objective: maps `[R, P]` to values `[R]` and gradients `[R, P]`; row r depends on row r of
+            its input only.
         start: `[R, P]`; projected first.
         project: projection on the feasible set, row by row, for instance a box.
         iterations: calls of the objective after the first.
@@ -97,7 +108,7 @@ def minimize_lbfgs(
             default ten times the epsilon of the dtype.
 
     Returns:
-        Best point and value of each row, and how it ended.
+        Best point, value and status of each row.
     """
     if value_tolerance is None:
         value_tolerance = ROUNDING_UNITS * torch.finfo(start.dtype).eps
@@ -116,8 +127,8 @@ def minimize_lbfgs(
         renewed = accepted | exhausted
         _new_direction(state, project, renewed, first_step, gradient_tolerance)
     stuck = state.stalled & (state.value == first)
-    converged = state.converged & ~state.failed
-    return OptimizeResult(state.x, state.value, converged, state.failed, stuck)
+    status = worst_status(state.converged | state.stalled, stuck, state.failed)
+    return OptimizeResult(state.x, state.value, status)
 
 
 def _begin(objective: Objective, x: Tensor, history: int) -> _State:
@@ -173,10 +184,12 @@ def _accept(
 def _shorten(
     state: _State, trial: Tensor, value: Tensor, rejected: Tensor, backtracks: int
 ) -> Tensor:
-    """Shortens rejected steps, in place, by the parabola through value, slope and trial value.
+    """Shortens rejected steps, in place, by the parabola through the value, the directional
+    derivative and the trial value.
 
-    Returns the rows `[R]` that have used up their shortenings: their history is dropped; a row
-    without history has already tried the steepest descent and ends, failed if it saw no number.
+    Returns the rows `[R]` that have used up their shortenings. Their history is dropped. A row
+    without history has tried the steepest descent already: it ends, failed if its last trial was
+    NaN or infinite.
     """
     expected = (state.grad * (trial - state.x)).sum(-1)  # [R]
     excess = value - state.value - expected

@@ -1,11 +1,15 @@
-"""Several starts of the same problems: which one is best, and how many failed."""
+"""Several starts of the same problems: which one is best, and how they ended."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import reduce
 
 import torch
 from torch import Tensor
+
+from .status import Solver, Status, StatusCounts, count_by_status
 
 
 def best_start(value: Tensor) -> Tensor:
@@ -18,25 +22,33 @@ def best_start(value: Tensor) -> Tensor:
 
 @dataclass
 class StartTally:
-    """How the starts of optimizers ended.
+    """How the starts of a search ended, and every problem that its solvers had.
 
     Attributes:
-        starts: how many there were.
-        not_finite: of them, those whose value was NaN or infinite.
-        no_descent: of them, those from which no step, however short, went down.
+        solvers: problems by solver and status.
+        starts: starts by status, `[4]` long; the worst counts where several solvers follow one
+            start.
     """
 
-    starts: int = 0
-    # Tensors, so that counting does not wait for the device.
-    not_finite: Tensor = field(default_factory=lambda: torch.zeros((), dtype=torch.long))
-    no_descent: Tensor = field(default_factory=lambda: torch.zeros((), dtype=torch.long))
+    solvers: StatusCounts = field(default_factory=StatusCounts.none)
+    starts: Tensor = field(default_factory=lambda: torch.zeros(len(Status), dtype=torch.long))
 
-    def add(self, failed: Tensor, stuck: Tensor) -> None:
-        """Counts starts of which some failed, both `[R]` bool: NaN or infinite, and stuck."""
-        self.starts += len(failed)
-        self.not_finite = self.not_finite.to(failed.device) + failed.sum()
-        self.no_descent = self.no_descent.to(stuck.device) + (stuck & ~failed).sum()
+    def count(self, solver: Solver, status: Tensor) -> None:
+        """Counts problems that are no starts, by their `status` of any shape."""
+        self.solvers = self.solvers + StatusCounts.of(solver, status)
+
+    def add(self, statuses: Mapping[Solver, Tensor]) -> None:
+        """Counts R starts by the statuses `[R]` of all solvers that followed them."""
+        for solver, status in statuses.items():
+            self.count(solver, status)
+        worst = reduce(torch.maximum, statuses.values())
+        self.starts = self.starts.to(worst.device) + count_by_status(worst)
 
     def to_tensor(self) -> Tensor:
-        """All three counts in their order, `[3]` on the CPU."""
-        return torch.tensor([self.starts, int(self.not_finite), int(self.no_descent)])
+        """How many starts there were, how many met NaN or infinity, and from how many no step
+        went down: `[3]` on the CPU.
+        """
+        by_status: list[int] = self.starts.tolist()
+        return torch.tensor(
+            [sum(by_status), by_status[Status.NOT_FINITE], by_status[Status.NO_DESCENT]]
+        )

@@ -1,13 +1,20 @@
 """Batched non-negative least squares in Gram form.
 
 Solves argmin_{x >= 0} 1/2 x^T G x - b^T x, with G = D^T D and b = D^T y, for many small problems
-at once. Two stages, both exact: block principal pivoting [KP11], which settles nearly every
-problem in a few rounds, then the active set of [LH74] for those that it does not settle.
+at once. Two stages, both exact: block principal pivoting [PJV94] with the exchange rule of [KP11],
+which settles nearly every problem in a few rounds, then the active set of [LH74] for the rest.
+
+The dual is w = b - G x, minus the gradient, as in [LH74]. A minimizer has w <= 0, and w = 0 where
+x > 0.
 
 References:
-    [LH74] Lawson, Hanson, Solving Least Squares Problems, 1974, ch. 23.
-    [KP11] Kim, Park, Fast Nonnegative Matrix Factorization: An Active-Set-Like Method and
-        Comparisons, SIAM J. Sci. Comput. 33(6), 2011, §3.
+    [LH74] Charles L. Lawson, Richard J. Hanson, Solving Least Squares Problems, Prentice-Hall,
+        1974, ch. 23.
+    [PJV94] Luis F. Portugal, Joaquim J. Judice, Luis N. Vicente, A Comparison of Block Pivoting and
+        Interior-Point Algorithms for Linear Least Squares Problems with Nonnegative Variables,
+        Mathematics of Computation 63(208), 1994.
+    [KP11] Jingu Kim, Haesun Park, Fast Nonnegative Matrix Factorization: An Active-Set-Like Method
+        and Comparisons, SIAM Journal on Scientific Computing 33(6), 2011, §3.
 """
 
 from __future__ import annotations
@@ -16,6 +23,8 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+
+from .status import STATUS_DTYPE, Status
 
 # Added to the unit diagonal: keeps duplicated atoms solvable, biases a well-posed x by 1e-12.
 RIDGE = 1e-12
@@ -29,6 +38,21 @@ PIVOT_PATIENCE = 3
 PIVOT_ROUNDS = 12
 # Doubles in one block of Gram matrices (32 MiB): bounds memory for any batch.
 BLOCK_ELEMENTS = 2**22
+
+
+@dataclass(frozen=True)
+class NNLSResult:
+    """Minimizers of a batch of problems.
+
+    Attributes:
+        weights: x `[..., J]`, non-negative.
+        status: `[...]` int8. LIMIT: passes of the active set ran out, x is feasible but not
+            optimal. NO_DESCENT: a Gram so far from positive semidefinite that its system has no
+            solution, x is the last feasible point. NOT_FINITE: of the Gram, b or x.
+    """
+
+    weights: Tensor
+    status: Tensor
 
 
 @dataclass(frozen=True)
@@ -50,7 +74,7 @@ def nnls_gram(
     allowed: Tensor | None = None,
     guess: Tensor | None = None,
     max_iterations: int | None = None,
-) -> Tensor:
+) -> NNLSResult:
     """Minimizes 1/2 x^T G x - b^T x over x >= 0, each problem on its own [LH74].
 
     Duplicated and zero atoms are fine: the result is one of the minimizers, zero for zero atoms.
@@ -60,11 +84,10 @@ def nnls_gram(
         rhs: D^T y, `[..., J]`.
         allowed: bool `[..., J]`, broadcast; False holds a weight at zero. Default: all allowed.
         guess: bool `[..., J]`, broadcast; likely support of the solution, for speed only.
-        max_iterations: cap on the active-set passes, default 3 J + 30. Where it is hit the result
-            is feasible but not optimal; see `kkt_violation`.
+        max_iterations: most passes of the active set, default 3 J + 30.
 
     Returns:
-        x `[..., J]`, dtype of `rhs`.
+        Weights `[..., J]` in the dtype of `rhs`, and status `[...]`.
     """
     atoms = rhs.shape[-1]
     batch = torch.broadcast_shapes(gram.shape[:-2], rhs.shape[:-1])
@@ -73,23 +96,32 @@ def nnls_gram(
     flat_allowed = _flatten_mask(allowed, batch, atoms)
     flat_guess = _flatten_mask(guess, batch, atoms)
     passes = 3 * atoms + 30 if max_iterations is None else max_iterations
-    result = torch.zeros_like(flat_rhs)
+    weights = torch.zeros_like(flat_rhs)
+    status = torch.full_like(flat_rhs.sum(1), Status.CONVERGED, dtype=STATUS_DTYPE)
     block = max(1, BLOCK_ELEMENTS // max(1, atoms * atoms))
     for first in range(0, flat_rhs.shape[0] if atoms else 0, block):
         rows = slice(first, first + block)
-        result[rows] = _solve_block(
+        solved, status[rows] = _solve_block(
             flat_gram[gram_row[rows]].double(),
             flat_rhs[rows].double(),
             None if flat_allowed is None else flat_allowed[rows],
             None if flat_guess is None else flat_guess[rows],
             passes,
-        ).to(rhs.dtype)
-    return result.reshape(*batch, atoms)
+        )
+        weights[rows] = solved.to(rhs.dtype)
+    return NNLSResult(weights.reshape(*batch, atoms), status.reshape(batch))
 
 
 def nnls_channels(
     gram: Tensor, rhs: Tensor, *, allowed: Tensor, guess: Tensor | None = None
 ) -> Tensor:
+    """Weights alone of `nnls_shared_gram`, `[B, C, J]` float64, for the same arguments."""
+    return nnls_shared_gram(gram, rhs, allowed=allowed, guess=guess).weights
+
+
+def nnls_shared_gram(
+    gram: Tensor, rhs: Tensor, *, allowed: Tensor, guess: Tensor | None = None
+) -> NNLSResult:
     """`nnls_gram` of problems whose C channels share a Gram, fast where few weights are zero.
 
     One factorization serves all channels of a problem. Channels in which its unconstrained
@@ -103,7 +135,7 @@ def nnls_channels(
             allowed.
 
     Returns:
-        x `[B, C, J]` float64.
+        Weights `[B, C, J]` float64, and status `[B, C]`.
     """
     gram = gram.double()
     norm = gram.diagonal(dim1=-2, dim2=-1)  # [B, J]
@@ -115,21 +147,23 @@ def nnls_channels(
     target = torch.where(usable[:, None], rhs, 0.0).transpose(1, 2)  # [B, J, C]
     weights = torch.cholesky_solve(target, factor).transpose(1, 2)  # [B, C, J]
     least = weights.amin(-1) if weights.shape[-1] else weights.new_zeros(weights.shape[:2])
+    status = torch.full_like(least, Status.CONVERGED, dtype=STATUS_DTYPE)  # [B, C]
+    finite = (weights.sum(-1) + norm.sum(-1, keepdim=True)).isfinite()
+    status.masked_fill_(~finite, Status.NOT_FINITE)
     rows, channels = ((least < 0) | (info != 0)[:, None]).nonzero(as_tuple=True)
     if len(rows):
         likely = weights[rows, channels] > 0
         likely = likely if guess is None else likely & guess[rows, channels]
-        weights[rows, channels] = nnls_gram(
-            gram[rows], rhs[rows, channels], allowed=allowed[rows], guess=likely
-        )
-    return weights
+        single = nnls_gram(gram[rows], rhs[rows, channels], allowed=allowed[rows], guess=likely)
+        weights[rows, channels], status[rows, channels] = single.weights, single.status
+    return NNLSResult(weights, status)
 
 
 def kkt_violation(gram: Tensor, rhs: Tensor, x: Tensor, *, allowed: Tensor | None = None) -> Tensor:
     """Largest violation of the optimality conditions of `nnls_gram`, zero at a minimizer.
 
-    With unit atoms the conditions are min(x, G x - b) = 0 elementwise; the value is the largest
-    |min(x, G x - b)|, relative to the largest |b_j|.
+    With unit atoms and the dual w = b - G x the conditions are min(x, -w) = 0 elementwise; the
+    value is the largest |min(x, -w)|, relative to the largest |b_j|.
 
     Args:
         gram: `[..., J, J]`.
@@ -143,8 +177,8 @@ def kkt_violation(gram: Tensor, rhs: Tensor, x: Tensor, *, allowed: Tensor | Non
     gram, rhs, x = gram.double(), rhs.double(), x.double()
     norm = gram.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()  # [..., J]
     inverse = torch.where(norm > 0, 1 / norm, 0.0)
-    slope = ((gram @ x[..., None])[..., 0] - rhs) * inverse  # [..., J]
-    violation = torch.minimum(x * norm, slope).abs()
+    dual = (rhs - (gram @ x[..., None])[..., 0]) * inverse  # [..., J]
+    violation = torch.minimum(x * norm, -dual).abs()
     if allowed is not None:
         violation = torch.where(allowed, violation, 0.0)
     scale = (rhs * inverse).abs().amax(-1)
@@ -164,8 +198,8 @@ def _flatten_mask(mask: Tensor | None, batch: torch.Size, atoms: int) -> Tensor 
 
 def _solve_block(
     gram: Tensor, rhs: Tensor, allowed: Tensor | None, guess: Tensor | None, passes: int
-) -> Tensor:
-    """Scales one block of problems, solves it, and scales the weights back; `[B, J]`."""
+) -> tuple[Tensor, Tensor]:
+    """Scales one block of problems, solves it, scales the weights `[B, J]` back; status `[B]`."""
     norm = gram.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()  # [B, J]
     usable = norm > 0 if allowed is None else allowed & (norm > 0)
     inverse = torch.where(norm > 0, 1 / norm, 0.0)  # [B, J]
@@ -174,16 +208,23 @@ def _solve_block(
     scale = torch.where(scale > 0, scale, 1.0)
     problems = _Problems(gram * inverse[:, :, None] * inverse[:, None, :], unit_rhs / scale, usable)
     passive = usable & (problems.rhs > 0) if guess is None else usable & guess  # [B, J]
-    return _solve_unit(problems, passive, passes) * inverse * scale
+    weights, status = _solve_unit(problems, passive, passes)
+    weights = weights * inverse * scale
+    finite = (weights + norm).sum(-1).isfinite()
+    return weights, status.masked_fill(~finite, Status.NOT_FINITE)
 
 
-def _solve_unit(problems: _Problems, passive: Tensor, passes: int) -> Tensor:
-    """Pivots, then runs the active set on what is left; `[B, J]`."""
+def _solve_unit(problems: _Problems, passive: Tensor, passes: int) -> tuple[Tensor, Tensor]:
+    """Pivots, then runs the active set on what is left; weights `[B, J]` and status `[B]`."""
     weights, solved = _pivot(problems, passive)
+    status = torch.full_like(solved, Status.CONVERGED, dtype=STATUS_DTYPE)
     open_rows = (~solved).nonzero()[:, 0]
     if open_rows.numel():
-        weights[open_rows] = _active_set(problems.take(open_rows), weights[open_rows], passes)
-    return weights
+        unsolved = problems.take(open_rows)
+        weights[open_rows], ended = _active_set(unsolved, weights[open_rows], passes)
+        finite = unsolved.gram.isfinite().all(-1).all(-1)
+        status[open_rows] = ended.masked_fill(~finite, Status.NOT_FINITE)
+    return weights, status
 
 
 def _solve_support(
@@ -201,8 +242,8 @@ def _solve_support(
     return point * member, info != 0
 
 
-def _slope(problems: _Problems, weights: Tensor) -> Tensor:
-    """b - G x, `[B, J]`: correlation of each unit atom with the residual."""
+def _dual(problems: _Problems, weights: Tensor) -> Tensor:
+    """w = b - G x, `[B, J]`: correlation of each unit atom with the residual."""
     return problems.rhs - (problems.gram @ weights[..., None])[..., 0]
 
 
@@ -220,9 +261,9 @@ def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
     patience = torch.full((batch,), PIVOT_PATIENCE, device=weights.device)
     for _ in range(PIVOT_ROUNDS):
         point, failed = _solve_support(problems, passive, RIDGE)
-        slope = _slope(problems, point)
+        dual = _dual(problems, point)
         swap = (passive & (point < -OPTIMALITY_TOLERANCE)) | (
-            problems.allowed & ~passive & (slope > OPTIMALITY_TOLERANCE)
+            problems.allowed & ~passive & (dual > OPTIMALITY_TOLERANCE)
         )  # [B', J]
         count = swap.sum(-1)
         weights[rows] = torch.where(failed[:, None], weights[rows], point.clamp_min(0))
@@ -238,15 +279,16 @@ def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
     return weights, solved
 
 
-def _active_set(problems: _Problems, start: Tensor, passes: int) -> Tensor:
-    """Lawson-Hanson from a feasible start, all problems advancing together; `[B, J]`.
+def _active_set(problems: _Problems, start: Tensor, passes: int) -> tuple[Tensor, Tensor]:
+    """Lawson-Hanson from a feasible start, all problems together: weights `[B, J]`, status `[B]`.
 
     One pass solves on the passive set, then either accepts the point and lets in the atom of
-    largest slope, or moves to the boundary and lets the atoms met there out.
+    largest dual, or moves to the boundary and lets the atoms met there out.
     """
     weights = start.clone()
     result = start.clone()
     rows = torch.arange(start.shape[0], device=start.device)
+    status = torch.full_like(rows, Status.CONVERGED, dtype=STATUS_DTYPE)
     passive = start > 0  # [B, J]
     barred = torch.zeros_like(passive)
     newest = torch.full_like(rows, -1)
@@ -262,22 +304,26 @@ def _active_set(problems: _Problems, start: Tensor, passes: int) -> Tensor:
         survived = inside & (newest >= 0)
         barred = (barred & ~survived[:, None]) | (entered & boundary)
         passive = passive & ~boundary
-        slope = _slope(problems, weights)
-        slope = torch.where(problems.allowed & ~passive & ~barred, slope, -torch.inf)
-        steepest, newest_atom = slope.max(-1)
-        improving = inside & (steepest > OPTIMALITY_TOLERANCE)
+        dual = _dual(problems, weights)
+        dual = torch.where(problems.allowed & ~passive & ~barred, dual, -torch.inf)
+        largest, newest_atom = dual.max(-1)
+        improving = inside & (largest > OPTIMALITY_TOLERANCE)
         passive = passive.scatter(
             1, newest_atom[:, None], passive.gather(1, newest_atom[:, None]) | improving[:, None]
         )
         newest = torch.where(improving, newest_atom, torch.where(failed, newest, -1))
         result[rows] = weights
-        keep = (~(inside & ~improving) & (ridge[:, 0] < RIDGE_LIMIT)).nonzero()[:, 0]
-        if not keep.numel():
-            break
+        solvable = ridge[:, 0] < RIDGE_LIMIT
+        keep = (~(inside & ~improving) & solvable).nonzero()[:, 0]
         if keep.numel() < rows.numel():
+            # For those that leave; the others get theirs when they leave.
+            status[rows] = torch.where(solvable, Status.CONVERGED, Status.NO_DESCENT).to(status)
             problems, rows, weights = problems.take(keep), rows[keep], weights[keep]
             passive, barred, newest, ridge = (v[keep] for v in (passive, barred, newest, ridge))
-    return result
+        if not keep.numel():
+            break
+    status[rows] = Status.LIMIT
+    return result, status
 
 
 def _toward(

@@ -1,12 +1,15 @@
 """Non-negative stagewise Lasso with forward and backward steps, in Gram form.
 
-All problems advance together; the state of a problem is its J weights and its J correlations
-g = D^T (y - D x), so that one step costs one column of the Gram, never a pass over the data.
+All problems advance together. The state of a problem is its J weights x and the J correlations
+of its residual g = D^T (y - D x), so that one step costs one column of the Gram and never a pass
+over the data.
 
 References:
-    [ZY07] Zhao, Yu, Stagewise Lasso, J. Mach. Learn. Res. 8, 2007, §3.1 (BLasso).
-    [WDR11] Wu, Dorsey, Rushmeier, A Sparse Parametric Mixture Model for BTF Compression,
-        Editing and Rendering, Eurographics 2011, §3.2, Eq. 4.
+    [ZY07] Peng Zhao, Bin Yu, Stagewise Lasso, Journal of Machine Learning Research 8, 2007, §3.1
+        (BLasso).
+    [WDR11] Hongzhi Wu, Julie Dorsey, Holly Rushmeier, A Sparse Parametric Mixture Model for BTF
+        Compression, Editing and Rendering, Computer Graphics Forum 30(2) (Eurographics), 2011,
+        §3.2, Eq. 4.
 """
 
 from __future__ import annotations
@@ -16,13 +19,15 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from .status import STATUS_DTYPE, Status
+
 # xi of [ZY07] in units of eta^2: above float32 rounding of a loss difference, far under one step.
 STEP_TOLERANCE = 1e-3
 # Weights are whole multiples of eta: one of exactly 2 eta must not fall to rounding.
 THRESHOLD_SLACK = 1e-3
 # Steps between two checks for finished problems; each check waits for the device.
 STEPS_PER_CHECK = 16
-# Finished problems leave the batch when fewer than this fraction of it is still running.
+# Finished problems leave the batch when less than this fraction of it is still running.
 COMPACT_BELOW = 0.75
 # Weights in one block on the CPU: long enough to hide the cost of a call, small enough for memory.
 CPU_BLOCK_ELEMENTS = 2**19
@@ -30,28 +35,39 @@ CPU_BLOCK_ELEMENTS = 2**19
 
 @dataclass(frozen=True)
 class StagewiseResult:
-    """End of the path of each problem."""
+    """End of the path of each problem.
 
-    weights: Tensor  # [B, J], whole multiples of eta, >= 0
-    lambda_: Tensor  # [B], regularization reached
-    steps: Tensor  # [B] long, forward and backward steps taken
-    backward_steps: Tensor  # [B] long
+    Attributes:
+        weights: `[B, J]`, non-negative whole multiples of eta.
+        lambda_: regularization reached, `[B]`.
+        steps: forward and backward steps taken, `[B]` long.
+        backward_steps: backward steps taken, `[B]` long.
+        status: `[B]` int8. CONVERGED: the path ended at `lambda_min` or where no forward step
+            lowers the loss. LIMIT: of steps. NOT_FINITE: of eta, a correlation or the Gram.
+    """
+
+    weights: Tensor
+    lambda_: Tensor
+    steps: Tensor
+    backward_steps: Tensor
+    status: Tensor
 
 
 @dataclass
 class _State:
-    """Running problems in units of eta: weights x / eta, correlations g / eta, lambda / eta."""
+    """Running problems in units of eta."""
 
     row: Tensor  # [B] long, place in the block
-    count: Tensor  # [B, J]
-    slope: Tensor  # [B, J]
-    penalty: Tensor  # [B]
-    floor: Tensor  # [B]
+    count: Tensor  # [B, J], weights x / eta
+    correlation: Tensor  # [B, J], g / eta
+    penalty: Tensor  # [B], lambda / eta
+    floor: Tensor  # [B], lambda_min / eta
     running: Tensor  # [B] bool
     steps: Tensor  # [B] long
     backward_steps: Tensor  # [B] long
 
     def take(self, rows: Tensor) -> _State:
+        """The problems in some rows of the state."""
         return _State(**{name: value[rows] for name, value in vars(self).items()})
 
 
@@ -80,7 +96,7 @@ def stagewise_lasso(
         tolerance: xi of [ZY07], in units of eta^2.
 
     Returns:
-        Weights, lambda and numbers of steps of each problem.
+        Weights, lambda, numbers of steps and status of each problem.
     """
     batch, atoms = correlation.shape
     eta = eta.to(correlation).expand(batch)
@@ -99,8 +115,12 @@ def stagewise_lasso(
         )
         for first in range(0, max(1, batch), block)
     ]
-    joined = [torch.cat(values) for values in zip(*parts, strict=True)]
-    return StagewiseResult(joined[0] * eta[:, None], joined[1] * eta, joined[2], joined[3])
+    count, penalty, steps, backward_steps, status = (
+        torch.cat(values) for values in zip(*parts, strict=True)
+    )
+    lambda_ = penalty * eta
+    status = status.masked_fill(~lambda_.isfinite(), Status.NOT_FINITE)
+    return StagewiseResult(count * eta[:, None], lambda_, steps, backward_steps, status)
 
 
 def lasso_threshold(weights: Tensor, eta: Tensor, *, factor: float = 2.0) -> Tensor:
@@ -125,12 +145,17 @@ def _run_block(
     lambda_min: Tensor,
     max_steps: int,
     tolerance: float,
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Runs one block to its end: count `[B, J]`, lambda / eta `[B]`, steps, backward steps."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Runs one block to its end.
+
+    Returns:
+        Count `[B, J]`, lambda / eta, steps, backward steps and status, each `[B]`.
+    """
     state = _start(correlation, eta, lambda_min)
     count = torch.zeros_like(correlation)
     penalty, steps = state.penalty.clone(), state.steps.clone()
     backward_steps = state.steps.clone()
+    status = torch.full_like(steps, Status.CONVERGED, dtype=STATUS_DTYPE)
     gram = gram.to(correlation.dtype)
     for step in range(max_steps + 1):
         if step % STEPS_PER_CHECK == 0 or step == max_steps:
@@ -141,10 +166,12 @@ def _run_block(
                 steps[state.row], backward_steps[state.row] = state.steps, state.backward_steps
                 state = state.take(running)
             if last:
+                status[state.row] = Status.LIMIT
                 break
         _advance(state, gram, tolerance)
     # A problem that never ran keeps an infinite penalty: zero signal, zero weights for any lambda.
-    return count, torch.where(penalty.isinf(), 0.0, penalty), steps, backward_steps
+    idle = penalty.isinf() & (steps == 0)
+    return count, torch.where(idle, 0.0, penalty), steps, backward_steps, status
 
 
 def _start(correlation: Tensor, eta: Tensor, lambda_min: Tensor) -> _State:
@@ -154,7 +181,7 @@ def _start(correlation: Tensor, eta: Tensor, lambda_min: Tensor) -> _State:
     return _State(
         row=torch.arange(batch, device=correlation.device),
         count=torch.zeros_like(correlation),
-        slope=correlation * unit[:, None],
+        correlation=correlation * unit[:, None],
         penalty=torch.full_like(eta, torch.inf),
         floor=lambda_min * unit,
         running=valid.clone(),
@@ -169,12 +196,12 @@ def _advance(state: _State, gram: Tensor, tolerance: float) -> None:
     In units of eta a forward step on a unit atom lowers the loss by 2 g_j - 1 and a backward step
     raises it by 2 g_j + 1. The first step has penalty = inf, which makes it lambda_0 of [ZY07].
     """
-    forward_slope, forward_atom = state.slope.max(-1)  # [B]
-    active_slope = torch.where(state.count > 0, state.slope, torch.inf)
-    backward_slope, backward_atom = active_slope.min(-1)  # [B], inf without active atoms
-    backward = 2 * backward_slope + 1 - state.penalty < -tolerance
+    highest, forward_atom = state.correlation.max(-1)  # [B]
+    active = torch.where(state.count > 0, state.correlation, torch.inf)
+    lowest, backward_atom = active.min(-1)  # [B], inf without active atoms
+    backward = 2 * lowest + 1 - state.penalty < -tolerance
     backward &= state.running
-    reached = torch.minimum(state.penalty, 2 * forward_slope - 1 - tolerance)
+    reached = torch.minimum(state.penalty, 2 * highest - 1 - tolerance)
     forward = state.running & ~backward & (reached > state.floor)
     ended = state.running & ~backward & ~forward
     # At the end x solves every lambda from the last one down to the one not taken.
@@ -184,7 +211,7 @@ def _advance(state: _State, gram: Tensor, tolerance: float) -> None:
     state.steps += state.running
     state.backward_steps += backward
     atom = torch.where(backward, backward_atom, forward_atom)  # [B]
-    sign = forward.to(state.slope.dtype) - backward.to(state.slope.dtype)  # [B], 0 when frozen
+    sign = forward.to(highest.dtype) - backward.to(highest.dtype)  # [B], 0 for ended problems
     state.count.scatter_add_(1, atom[:, None], sign[:, None])
     column = gram[atom] if gram.dim() == 2 else gram[state.row, atom]  # [B, J]
-    state.slope.addcmul_(column, sign[:, None], value=-1)
+    state.correlation.addcmul_(column, sign[:, None], value=-1)

@@ -46,7 +46,7 @@ def test_weights_are_as_good_as_the_best(distance: float, dtype: torch.dtype) ->
     y = signals(atoms)
     stored = atoms.to(dtype)
     gram, rhs = stored @ stored.T, y.to(dtype) @ stored.T
-    found = nnls_gram(gram.double(), rhs.double())
+    found = nnls_gram(gram.double(), rhs.double()).weights
     best = [nnls(atoms.T.numpy(), row.numpy())[1] ** 2 for row in y]
     assert bool(found.isfinite().all()) and float(found.min()) >= 0.0
     slack = 1.01 if dtype == torch.float64 else 1.05

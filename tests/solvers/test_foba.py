@@ -8,6 +8,7 @@ from torch import Tensor
 
 from spmm_torch.solvers.foba import Selection, select_corrective
 from spmm_torch.solvers.nnls import kkt_violation, nnls_gram
+from spmm_torch.solvers.status import Status
 
 
 def make_problem(
@@ -103,7 +104,7 @@ def test_never_worse_than_plain_greedy() -> None:
     for _ in range(5):
         score = ((rhs - weights @ gram).clamp_min(0) ** 2).sum(1) / gram.diagonal()
         allowed |= torch.nn.functional.one_hot(score.masked_fill(allowed, -1).argmax(1), 20).bool()
-        weights = nnls_gram(gram, rhs, allowed=allowed[:, None])
+        weights = nnls_gram(gram, rhs, allowed=allowed[:, None]).weights
     residual = data - torch.einsum("dj,tcj->tdc", design, weights)
     greedy = residual.square().sum((1, 2))
     # Texels stop early only where an atom gives less than the floor of 1e-6 of the energy.
@@ -129,7 +130,7 @@ def test_gain_limit_holds_for_every_kept_lobe() -> None:
         texel = (found.index[:, slot] >= 0).nonzero()[:, 0]
         allowed = (dense[texel] > 0).any(1)
         allowed[torch.arange(len(texel)), found.index[texel, slot]] = False
-        without = nnls_gram(design.T @ design, rhs[texel], allowed=allowed[:, None])
+        without = nnls_gram(design.T @ design, rhs[texel], allowed=allowed[:, None]).weights
         residual = data[texel] - torch.einsum("dj,tcj->tdc", design, without)
         error = residual.square().sum((1, 2))
         assert (error - found.error[texel] > 0.1 * error * (1 - 1e-9)).all()
@@ -146,3 +147,57 @@ def test_degenerate_problems() -> None:
     )
     assert select(design[:, :1], data).index.shape == (3, 6)
     assert select(design, data[:0]).index.shape == (0, 6)
+
+
+def test_texels_end_converged_or_at_the_limit_of_atoms() -> None:
+    design, data, _ = make_problem()
+    assert (select(design, data).status == Status.CONVERGED).all()
+    assert (select(design, data, max_lobes=2).status == Status.LIMIT).all()
+    data[7] = 2.0 * design[:, :1]  # one atom says it all
+    few = select(design, data, max_lobes=2)
+    assert few.status.tolist() == [
+        Status.CONVERGED if texel == 7 else Status.LIMIT for texel in range(50)
+    ]
+    assert few.nnls_status.shape == (50, 3)
+    assert (few.nnls_status == Status.CONVERGED).all()
+
+
+def test_no_room_is_a_limit_and_no_atoms_are_none() -> None:
+    design, data, _ = make_problem(texels=3)
+    assert (select(design, data, max_lobes=0).status == Status.LIMIT).all()
+    assert (select(design[:, :0], data, max_lobes=0).status == Status.CONVERGED).all()
+
+
+def test_texels_that_took_every_atom_have_converged() -> None:
+    orthogonal = torch.eye(4, dtype=torch.float64)
+    everything = select_corrective(
+        orthogonal, torch.ones(2, 4, 1), 4.0 * torch.ones(2), max_lobes=4, min_gain=0.0
+    )
+    assert (everything.index >= 0).all()
+    assert (everything.status == Status.CONVERGED).all()
+
+
+def test_texels_whose_values_are_not_finite_are_told_and_leave_the_others_alone() -> None:
+    design, data, _ = make_problem(texels=6)
+    gram, energy = design.T @ design, data.square().sum((1, 2))
+    correlation = torch.einsum("dj,tdc->tjc", design, data)
+    clean = select_corrective(gram, correlation, energy, max_lobes=6, min_gain=1e-3)
+    correlation[1, 4, 0], correlation[2, 5, 1] = torch.nan, torch.inf
+    energy[3] = torch.nan
+    found = select_corrective(gram, correlation, energy, max_lobes=6, min_gain=1e-3)
+    bad = torch.tensor([False, True, True, True, False, False])
+    assert torch.equal(found.status == Status.NOT_FINITE, bad)
+    assert torch.equal(found.status[~bad], clean.status[~bad])
+    assert torch.equal(found.weights[~bad], clean.weights[~bad])
+
+
+def test_refits_tell_how_their_least_squares_ended() -> None:
+    """An inner product of -2 makes the Gram indefinite: a refit of both atoms has no minimizer."""
+    gram = torch.tensor([[1.0, -2.0], [-2.0, 1.0]], dtype=torch.float64)
+    correlation = torch.tensor([[[2.0, 0.1], [0.0, 1.0]]], dtype=torch.float64)  # [1, J, C]
+    energy = 100.0 * torch.ones(1)
+    one = select_corrective(gram, correlation, energy, max_lobes=1, min_gain=0.0)
+    assert one.nnls_status.tolist() == [[Status.CONVERGED] * 2]
+    both = select_corrective(gram, correlation, energy, max_lobes=2, min_gain=0.0)
+    assert both.nnls_status.tolist() == [[Status.NO_DESCENT] * 2]
+    assert both.weights.isfinite().all() and (both.error < one.error).all()

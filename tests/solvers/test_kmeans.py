@@ -10,6 +10,7 @@ from torch import Tensor
 from spmm_torch.errors import ConfigError, DataError
 from spmm_torch.solvers import kmeans as module
 from spmm_torch.solvers.kmeans import KMeansResult, kmeans
+from spmm_torch.solvers.status import Status
 
 
 def seeded(seed: int = 0) -> torch.Generator:
@@ -120,3 +121,13 @@ def test_whole_weights_are_repeated_points() -> None:
     torch.testing.assert_close(weighted.centers, means, rtol=1e-4, atol=1e-4)
     same = kmeans(points, 3, seeded(), weights=torch.ones(200))
     assert torch.equal(same.labels, kmeans(points, 3, seeded()).labels)
+
+
+def test_ends_converged_or_at_the_limit_of_iterations() -> None:
+    points = make_blobs(spread=0.5)
+    whole = kmeans(points, 25, seeded())
+    assert whole.status is Status.CONVERGED
+    cut = kmeans(points, 25, seeded(), iterations=1)
+    assert cut.status is Status.LIMIT and cut.objective > whole.objective
+    distinct = kmeans(points[:3].repeat(10, 1), 8, seeded(), iterations=0)
+    assert distinct.status is Status.CONVERGED

@@ -1,4 +1,4 @@
-"""Batched L-BFGS and Adam against scipy; rows are independent; bad rows are flagged."""
+"""Batched L-BFGS and Adam against scipy; rows are independent, and tell how they ended."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from spmm_torch.solvers.adam import minimize_adam
 from spmm_torch.solvers.lbfgs import Objective, OptimizeResult, minimize_lbfgs
+from spmm_torch.solvers.status import Status
 
 Minimizer = Callable[[Objective, Tensor], OptimizeResult]
 
@@ -55,7 +56,7 @@ def make_quadratic(rows: int = 30, parameters: int = 5) -> tuple[Tensor, Tensor,
 
 def test_rosenbrock_reaches_the_minimum() -> None:
     found = minimize_lbfgs(rosenbrock, make_starts(50, 2), identity, iterations=200)
-    assert found.converged.all() and not found.failed.any()
+    assert (found.status == Status.CONVERGED).all()
     torch.testing.assert_close(found.x, torch.ones(50, 2, dtype=torch.float64), rtol=0, atol=1e-5)
 
 
@@ -76,7 +77,7 @@ def test_rosenbrock_in_a_box_equals_scipy() -> None:
 def test_box_constrained_quadratics_equal_scipy() -> None:
     matrix, linear, objective = make_quadratic()
     found = minimize_lbfgs(objective, torch.zeros_like(linear), unit_box, iterations=60)
-    assert found.converged.all()
+    assert (found.status == Status.CONVERGED).all()
     for x, a, b in zip(found.x, matrix.numpy(), linear.numpy(), strict=True):
         oracle = minimize(
             lambda z, a=a, b=b: (0.5 * z @ a @ z - z @ b, a @ z - b), np.zeros(5), jac=True,
@@ -134,7 +135,7 @@ def test_best_value_belongs_to_best_point_and_is_feasible(minimizer: Minimizer) 
 
 
 @MINIMIZERS
-def test_bad_row_is_flagged_and_leaves_the_others_alone(minimizer: Minimizer) -> None:
+def test_a_row_that_is_not_finite_is_told_and_leaves_the_others_alone(minimizer: Minimizer) -> None:
     _, linear, objective = make_quadratic()
     start = torch.full_like(linear, 0.5)
 
@@ -144,10 +145,11 @@ def test_bad_row_is_flagged_and_leaves_the_others_alone(minimizer: Minimizer) ->
         return value, grad
 
     clean, found = minimizer(objective, start), minimizer(broken, start)
-    assert found.failed.nonzero()[:, 0].tolist() == [3, 5]
-    assert not found.converged[found.failed].any()
-    assert torch.equal(found.x[found.failed], start[found.failed])
-    assert torch.equal(found.x[~found.failed], clean.x[~found.failed])
+    bad = found.status == Status.NOT_FINITE
+    assert bad.nonzero()[:, 0].tolist() == [3, 5]
+    assert torch.equal(found.status[~bad], clean.status[~bad])
+    assert torch.equal(found.x[bad], start[bad])
+    assert torch.equal(found.x[~bad], clean.x[~bad])
 
 
 @MINIMIZERS
@@ -172,12 +174,12 @@ def test_trial_without_a_number_is_shortened() -> None:
 
     start = torch.tensor([[5.0], [0.01]], dtype=torch.float64)
     found = minimize_lbfgs(logarithm, start, identity, iterations=60, first_step=50.0)
-    assert found.converged.all() and not found.failed.any()
+    assert (found.status == Status.CONVERGED).all()
     torch.testing.assert_close(found.x, torch.ones_like(start), rtol=0, atol=1e-5)
 
 
-def test_a_start_from_which_nothing_goes_down_is_stuck() -> None:
-    """The third row's slope points up the hill, so that no step along it is lower."""
+def test_no_descent_where_no_step_from_the_start_goes_down() -> None:
+    """The gradient of the third row has the wrong sign, so that no step against it is lower."""
     up = torch.tensor([[1.0], [1.0], [-1.0]], dtype=torch.float64)
 
     def parabola(x: Tensor) -> tuple[Tensor, Tensor]:
@@ -185,9 +187,27 @@ def test_a_start_from_which_nothing_goes_down_is_stuck() -> None:
 
     start = torch.tensor([[3.0], [-2.0], [1.0]], dtype=torch.float64)
     found = minimize_lbfgs(parabola, start, identity, iterations=60)
-    assert found.stuck.tolist() == [False, False, True]
-    assert found.converged.tolist() == [True, True, False]
+    assert found.status.tolist() == [Status.CONVERGED, Status.CONVERGED, Status.NO_DESCENT]
     assert float(found.x[2]) == 1.0
+
+
+def test_converged_where_nothing_goes_down_after_progress() -> None:
+    """The gradient of |x| does not vanish at the kink: only the line search can end there."""
+
+    def kink(x: Tensor) -> tuple[Tensor, Tensor]:
+        return x.abs()[:, 0], torch.where(x >= 0.0, 1.0, -1.0).to(x)
+
+    start = torch.tensor([[0.15]], dtype=torch.float64)
+    found = minimize_lbfgs(kink, start, identity, iterations=400, value_tolerance=0.0)
+    assert found.status.tolist() == [Status.CONVERGED]
+    assert float(found.value) < 1e-3
+
+
+def test_limit_where_the_iterations_do_not_suffice() -> None:
+    starts = torch.tensor([[-1.5, 1.5], [1.0, 1.0]], dtype=torch.float64)  # the second is optimal
+    found = minimize_lbfgs(rosenbrock, starts, identity, iterations=4)
+    assert found.status.tolist() == [Status.LIMIT, Status.CONVERGED]
+    assert float(found.value[0]) < float(rosenbrock(starts)[0][0])
 
 
 def test_adam_tends_to_the_constrained_minimum() -> None:
@@ -197,7 +217,7 @@ def test_adam_tends_to_the_constrained_minimum() -> None:
     )
     best = minimize_lbfgs(objective, torch.zeros_like(linear), unit_box, iterations=100)
     torch.testing.assert_close(found.value, best.value, rtol=0, atol=1e-5)
-    assert not found.converged.any()
+    assert (found.status == Status.LIMIT).all()  # Adam has no stopping rule
 
 
 def test_dtype_follows_the_start() -> None:

@@ -1,10 +1,11 @@
-"""Choice of the best start, and the count of failed ones."""
+"""Choice of the best start, and the count of how starts ended."""
 
 from __future__ import annotations
 
 import torch
 
 from spmm_torch.solvers.multistart import StartTally, best_start
+from spmm_torch.solvers.status import Solver, Status
 
 
 def test_takes_the_least_value_and_never_nan() -> None:
@@ -12,9 +13,20 @@ def test_takes_the_least_value_and_never_nan() -> None:
     assert best_start(value).tolist() == [1, 1]
 
 
-def test_tally_counts_each_failure_once() -> None:
+def test_a_start_counts_once_by_the_worst_of_its_solvers() -> None:
     tally = StartTally()
-    failed = torch.tensor([True, False, False])
-    tally.add(failed, torch.tensor([True, True, False]))
-    tally.add(~failed, torch.zeros(3, dtype=torch.bool))
-    assert tally.to_tensor().tolist() == [6, 3, 1]
+    adam = torch.tensor([Status.LIMIT, Status.NOT_FINITE, Status.LIMIT], dtype=torch.int8)
+    lbfgs = torch.tensor([Status.CONVERGED, Status.NO_DESCENT, Status.NO_DESCENT]).to(adam)
+    tally.add({Solver.ADAM: adam, Solver.LBFGS: lbfgs})
+    tally.add({Solver.LBFGS: torch.tensor([Status.CONVERGED]).to(adam)})
+    assert tally.to_tensor().tolist() == [4, 1, 1]
+    counts = tally.solvers.to_dict()
+    assert counts["adam"] == {"converged": 0, "limit": 2, "no_descent": 0, "not_finite": 1}
+    assert counts["lbfgs"] == {"converged": 2, "limit": 0, "no_descent": 2, "not_finite": 0}
+
+
+def test_what_is_no_start_counts_by_solver_only() -> None:
+    tally = StartTally()
+    tally.count(Solver.NNLS, torch.zeros(5, 3, dtype=torch.int8))
+    assert tally.to_tensor().tolist() == [0, 0, 0]
+    assert tally.solvers.to_dict()["nnls"]["converged"] == 15

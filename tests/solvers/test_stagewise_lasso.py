@@ -1,4 +1,4 @@
-"""Stagewise Lasso against scikit-learn, its optimality conditions and its degenerate cases."""
+"""Stagewise Lasso against scikit-learn, its optimality conditions, and how problems end."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from torch import Tensor
 
 from spmm_torch.solvers import stagewise_lasso as module
 from spmm_torch.solvers.stagewise_lasso import StagewiseResult, lasso_threshold, stagewise_lasso
+from spmm_torch.solvers.status import Status
 
 
 def make_problem(
@@ -60,10 +61,10 @@ def test_optimality_conditions_up_to_eta() -> None:
     step = 1e-3
     penalty = 0.1 * (target @ design).amax(1)
     found = run(design, target, step, penalty)
-    slope = 2 * (target - found.weights @ design.T) @ design - found.lambda_[:, None]
+    gradient = found.lambda_[:, None] - 2 * (target - found.weights @ design.T) @ design
     slack = 2.1 * step
-    assert (slope <= slack).all()
-    assert (slope[found.weights > 0] >= -slack).all()
+    assert (gradient >= -slack).all()
+    assert (gradient[found.weights > 0] <= slack).all()
 
 
 def test_lambda_reaches_its_end_and_loss_falls_with_it() -> None:
@@ -162,3 +163,33 @@ def test_threshold_keeps_two_steps_and_drops_one() -> None:
     weights = torch.tensor([[0.0, 0.1, 0.2, 0.3]])
     kept = lasso_threshold(weights, torch.tensor([0.1]))
     assert kept.tolist() == [[0.0, 0.0, weights[0, 2].item(), weights[0, 3].item()]]
+
+
+def test_paths_end_converged_or_at_the_limit_of_steps() -> None:
+    design, target = make_problem()
+    none = torch.zeros(6, dtype=torch.float64)
+    whole = run(design, target, 0.01, none)
+    assert (whole.status == Status.CONVERGED).all()
+    middle = int(whole.steps.median())
+    cut = run(design, target, 0.01, none, max_steps=middle)
+    limit = cut.status == Status.LIMIT
+    assert torch.equal(limit, whole.steps >= middle) and limit.any() and not limit.all()
+    assert (cut.status[~limit] == Status.CONVERGED).all()
+    assert (run(design, 0 * target, 0.01, none).status == Status.CONVERGED).all()
+    assert (run(design, target, 0.01, none, max_steps=0).status == Status.LIMIT).all()
+
+
+def test_paths_that_are_not_finite_are_told_and_leave_the_others_alone() -> None:
+    design, target = make_problem()
+    gram, correlation = design.T @ design, target @ design
+    eta = torch.full((6,), 0.01, dtype=torch.float64)
+    none = torch.zeros_like(eta)
+    clean = stagewise_lasso(gram, correlation, eta=eta, lambda_min=none, max_steps=1000)
+    broken, broken_eta = correlation.clone(), eta.clone()
+    broken[1, 3], broken[2, 0] = torch.nan, torch.inf
+    broken_eta[3], broken_eta[4] = torch.nan, torch.inf
+    found = stagewise_lasso(gram, broken, eta=broken_eta, lambda_min=none, max_steps=1000)
+    bad = torch.tensor([False, True, True, True, True, False])
+    assert torch.equal(found.status == Status.NOT_FINITE, bad)
+    assert torch.equal(found.status[~bad], clean.status[~bad])
+    assert torch.equal(found.weights[~bad], clean.weights[~bad])

@@ -8,7 +8,8 @@ import torch
 from scipy.optimize import least_squares, nnls
 from torch import Tensor
 
-from spmm_torch.solvers.varpro import refine_mixtures
+from spmm_torch.solvers.status import Status
+from spmm_torch.solvers.varpro import VarProResult, refine_mixtures
 
 GRID = torch.linspace(-3.0, 3.0, 200)
 
@@ -18,7 +19,7 @@ def gaussians(x: Tensor) -> Tensor:
     return torch.exp(-(((GRID.to(x) - x[..., :1]) / x[..., 1:]) ** 2))
 
 
-def slopes(x: Tensor) -> tuple[Tensor, Tensor]:
+def jacobian(x: Tensor) -> tuple[Tensor, Tensor]:
     rho = gaussians(x)
     offset = GRID.to(x) - x[..., :1]
     by_centre = rho * 2.0 * offset / x[..., 1:] ** 2
@@ -26,17 +27,24 @@ def slopes(x: Tensor) -> tuple[Tensor, Tensor]:
     return rho, torch.stack((by_centre, by_width), dim=-2)
 
 
-def refine(start: Tensor, signals: Tensor, present: Tensor | None = None, iterations: int = 60):
+def refine(
+    start: Tensor,
+    signals: Tensor,
+    present: Tensor | None = None,
+    iterations: int = 60,
+    tolerance: float = 0.0,
+) -> VarProResult:
     if present is None:
         present = torch.ones(start.shape[:2], dtype=torch.bool)
     return refine_mixtures(
         lambda x, rows: gaussians(x),
-        lambda x, rows: slopes(x),
+        lambda x, rows: jacobian(x),
         lambda x, rows: torch.cat((x[..., :1].clamp(-3, 3), x[..., 1:].clamp(0.2, 3)), dim=-1),
         start,
         present,
         signals,
         iterations=iterations,
+        tolerance=tolerance,
     )
 
 
@@ -54,7 +62,7 @@ def test_finds_planted_parameters() -> None:
     result = refine(truth + 0.2, signals)
     assert torch.allclose(result.coordinates, truth, atol=1e-3)
     assert (result.loss < 1e-6 * signals.square().sum((1, 2))).all()
-    assert not result.failed.any()
+    assert (result.status == Status.CONVERGED).all()
 
 
 def test_matches_scipy_on_noisy_signals() -> None:
@@ -104,47 +112,57 @@ def test_scale_of_the_signal_does_not_matter(scale: float) -> None:
     assert torch.allclose(result.coordinates, truth, atol=1e-2)
 
 
-def test_bad_row_is_flagged_and_leaves_the_others_alone() -> None:
+def not_finite(count: int, row: int) -> list[bool]:
+    return [other == row for other in range(count)]
+
+
+def test_limit_where_the_iterations_do_not_suffice() -> None:
+    truth, signals = planted(0)
+    assert (refine(truth + 0.2, signals, iterations=1).status == Status.LIMIT).all()
+    loose = refine(truth + 0.2, signals, iterations=1, tolerance=1.0)
+    assert (loose.status == Status.CONVERGED).all()
+
+
+def test_a_signal_that_is_not_finite_is_told_and_leaves_the_others_alone() -> None:
     truth, signals = planted(7)
     broken = signals.clone()
     broken[2] = torch.nan
     result = refine(truth + 0.2, broken)
-    assert result.failed.tolist() == [row == 2 for row in range(len(truth))]
+    assert (result.status == Status.NOT_FINITE).tolist() == not_finite(len(truth), 2)
     assert torch.allclose(result.coordinates[0], truth[0], atol=1e-3)
 
 
-def test_slopes_that_are_no_numbers_are_flagged_and_the_start_stays() -> None:
+def test_a_jacobian_that_is_not_finite_is_told_and_the_start_stays() -> None:
     truth, signals = planted(8)
 
-    def broken_slopes(x: Tensor) -> tuple[Tensor, Tensor]:
-        rho, slope = slopes(x)
-        slope[2] = torch.nan
-        return rho, slope
+    def broken_jacobian(x: Tensor) -> tuple[Tensor, Tensor]:
+        rho, derivative = jacobian(x)
+        derivative[2] = torch.nan
+        return rho, derivative
 
     result = refine_mixtures(
         lambda x, rows: gaussians(x),
-        lambda x, rows: broken_slopes(x),
+        lambda x, rows: broken_jacobian(x),
         lambda x, rows: x,
         truth + 0.2,
         torch.ones(truth.shape[:2], dtype=torch.bool),
         signals,
         iterations=1,
     )
-    assert result.failed.tolist() == [row == 2 for row in range(len(truth))]
+    assert (result.status == Status.NOT_FINITE).tolist() == not_finite(len(truth), 2)
     assert torch.equal(result.coordinates[2], truth[2] + 0.2)
-    assert not result.stuck.any()
 
 
-def test_a_start_from_which_nothing_goes_down_is_stuck() -> None:
+def test_no_descent_where_no_step_from_the_start_goes_down() -> None:
     truth, signals = planted(9)
     ascent = refine_mixtures(
         lambda x, rows: gaussians(x),
-        lambda x, rows: (gaussians(x), -slopes(x)[1]),
+        lambda x, rows: (gaussians(x), -jacobian(x)[1]),
         lambda x, rows: x,
         truth + 0.2,
         torch.ones(truth.shape[:2], dtype=torch.bool),
         signals,
         iterations=60,
     )
-    assert ascent.stuck.all() and not ascent.failed.any()
+    assert (ascent.status == Status.NO_DESCENT).all()
     assert torch.equal(ascent.coordinates, truth + 0.2)

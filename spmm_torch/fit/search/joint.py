@@ -18,6 +18,7 @@ from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
 from ...runtime.progress import Advance
 from ...solvers.foba import select_corrective
 from ...solvers.multistart import StartTally, best_start
+from ...solvers.status import Solver
 from ...solvers.varpro import refine_mixtures
 from .bank import Bank
 from .mixtures import Mixtures
@@ -44,7 +45,7 @@ class CorrectiveSearch:
         grid, bank, feasible, config: as given to the search.
         signals: `[S, C, D]`.
         known: lobes found beforehand, which all samples may borrow.
-        tally: counts the starts that fail.
+        tally: counts how starts and selections end.
     """
 
     grid: DirectionGrid
@@ -156,6 +157,8 @@ class CorrectiveSearch:
             max_lobes=self.config.max_lobes,
             min_gain=self.config.min_gain,
         )
+        self.tally.count(Solver.FOBA, chosen.status)
+        self.tally.count(Solver.NNLS, chosen.nnls_status)
         start = self._empty().take(rows)
         start.model[:] = pool.model[chosen.index.clamp(min=0).cpu()]
         start.coordinates[:] = coordinates[chosen.index.clamp(min=0)]
@@ -258,7 +261,7 @@ class CorrectiveSearch:
                 iterations=steps,
                 tolerance=self.config.tolerance,
             )
-            self.tally.add(result.failed, result.stuck)
+            self.tally.add({Solver.VARPRO: result.status})
             parts.append(result)
         coordinates, weights = mixtures.coordinates.clone(), torch.zeros_like(mixtures.weights)
         coordinates[:, :used] = torch.cat([part.coordinates for part in parts])

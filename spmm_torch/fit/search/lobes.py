@@ -8,6 +8,7 @@ from torch import Tensor
 from ...config.fit import FitConfig, SearchConfig
 from ...lobes.batch import Feasible, decode
 from ...runtime.progress import Advance
+from ...solvers.multistart import StartTally
 from ..cluster import Samples
 from ..dictionary import FoundLobes
 from ..problem import Problem
@@ -69,6 +70,7 @@ def find_lobes(
     bank = build_bank(grid, search.models, bank_normals(search, len(samples)), feasible)
     fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
     signals = problem.signals(samples.texels)  # [S, C, D]
+    finder: StagewiseSearch | CorrectiveSearch
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
             grid, bank, feasible, search, problem.config.stagewise, signals, generator
@@ -78,15 +80,15 @@ def find_lobes(
         bounds = fine if len(known) else feasible
         finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
     mixtures = finder.run(advance)
-    return _found(mixtures, samples.clusters, signals, finder.tally.to_tensor())
+    return _found(mixtures, samples.clusters, signals, finder.tally)
 
 
-def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, starts: Tensor) -> FoundLobes:
+def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, tally: StartTally) -> FoundLobes:
     """All lobes that carry weight, and how well the sample of each is fit."""
     used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
     host = used.cpu()
     lobes = decode(mixtures.model[host], mixtures.coordinates[used])
     energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
-    wide = [column.cpu()[:, None].expand(host.shape)[host] for column in (clusters, error)]
-    return FoundLobes(lobes, *wide, starts)
+    cluster, error = (x.cpu()[:, None].expand(host.shape)[host] for x in (clusters, error))
+    return FoundLobes(lobes, cluster, error, tally.to_tensor(), tally.solvers)

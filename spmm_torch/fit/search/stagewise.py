@@ -19,6 +19,7 @@ from ...lobes.grid import SAME_LOBE, DirectionGrid
 from ...solvers.adam import minimize_adam
 from ...solvers.lbfgs import OptimizeResult, minimize_lbfgs
 from ...solvers.multistart import StartTally
+from ...solvers.status import Solver, Status, worst_status
 from .bank import Bank
 from .mixtures import Mixtures
 
@@ -58,7 +59,7 @@ class StagewiseSearch:
         signals: `[S, C, D]`.
         pairs: direction pairs on which Eq. 5 is climbed, `[S, N]`, drawn by energy.
         importance: square roots of their weights, `[S, N]`, that keep inner products unbiased.
-        tally: counts the starts that fail.
+        tally: counts how starts and paths end.
     """
 
     grid: DirectionGrid
@@ -107,6 +108,10 @@ class StagewiseSearch:
             self._iterate(path, eta, self.stagewise.lambda_min * norm)
             advance(before - int(path.running.sum()))
         advance(int(path.running.sum()))
+        none = torch.zeros_like(path.running)
+        self.tally.count(
+            Solver.STAGEWISE_LASSO, worst_status(~path.running, none, ~norm.isfinite())
+        )
         kept = (path.weights >= 2.0 * eta[..., None] * (1.0 - STEP_TOLERANCE)).any(1)
         error = self.signals - path.weights @ path.atoms
         return Mixtures(
@@ -235,16 +240,15 @@ class StagewiseSearch:
             problem = _Correlation(self.grid, model[chunk], pairs, importance, target)
             feasible = self.feasible
             project = _Projection(feasible, model[chunk])
-            result = minimize_adam(
+            climbed = minimize_adam(
                 problem,
                 start[chunk],
                 project,
                 steps=self.config.adam_steps,
                 learning_rate=LEARNING_RATE,
             )
-            climbed = result.failed
-            result = minimize_lbfgs(problem, result.x, project, iterations=self.config.lbfgs_steps)
-            self.tally.add(climbed | result.failed, result.stuck)
+            result = minimize_lbfgs(problem, climbed.x, project, iterations=self.config.lbfgs_steps)
+            self.tally.add({Solver.ADAM: climbed.status, Solver.LBFGS: result.status})
             parts.append(_or_start(result, start[chunk]))
         return torch.cat(parts)
 
@@ -293,5 +297,5 @@ def _at(values: Tensor, index: Tensor) -> Tensor:
 
 
 def _or_start(result: OptimizeResult, start: Tensor) -> Tensor:
-    """The optimum of each row, or its start where the optimizer failed."""
-    return torch.where(result.failed[:, None], start, result.x)
+    """The optimum of each row, or its start where the optimizer met NaN or infinity."""
+    return torch.where((result.status == Status.NOT_FINITE)[:, None], start, result.x)

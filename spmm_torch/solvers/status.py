@@ -1,0 +1,114 @@
+"""How solvers end: one status a problem, and counts of them by solver.
+
+Every solver tells the end of each problem of its batch, as `OptimizationStatus` of BoTorch and the
+stop criterion of skglm do. Counts stay on the device until someone reads them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import torch
+from torch import Tensor
+
+# Signed, because PyTorch takes an index of type uint8 for a mask.
+STATUS_DTYPE = torch.int8
+
+
+class Status(IntEnum):
+    """End of one problem, from best to worst: the larger of two is the worse one.
+
+    Attributes:
+        CONVERGED: the stopping rule of the solver holds, or a solver that made progress finds no
+            step that goes down any more.
+        LIMIT: a limit of steps, or of atoms, ended the problem before that.
+        NO_DESCENT: no step from the start went down, however short, or none could be computed.
+        NOT_FINITE: an input, a value or a gradient was NaN or infinite.
+    """
+
+    CONVERGED = 0
+    LIMIT = 1
+    NO_DESCENT = 2
+    NOT_FINITE = 3
+
+
+class Solver(IntEnum):
+    """Solvers whose problems are counted; the lower-case name is the key of a report."""
+
+    NNLS = 0
+    STAGEWISE_LASSO = 1
+    FOBA = 2
+    LBFGS = 3
+    ADAM = 4
+    VARPRO = 5
+    KMEANS = 6
+
+
+def worst_status(converged: Tensor, no_descent: Tensor, not_finite: Tensor) -> Tensor:
+    """The worst status that holds for each problem; LIMIT where none of them does.
+
+    Args:
+        converged: `[B]` bool, like the others.
+        no_descent: whether no step went down.
+        not_finite: whether a value was NaN or infinite.
+
+    Returns:
+        Status `[B]` int8.
+    """
+    status = torch.full_like(converged, Status.LIMIT, dtype=STATUS_DTYPE)
+    status = status.masked_fill(converged, Status.CONVERGED)
+    status = status.masked_fill(no_descent, Status.NO_DESCENT)
+    return status.masked_fill(not_finite, Status.NOT_FINITE)
+
+
+def count_by_status(status: Tensor) -> Tensor:
+    """Problems of each status, `[4]` long, of statuses of any shape; the host does not wait."""
+    kinds = torch.arange(len(Status), device=status.device)
+    return (status.reshape(-1, 1) == kinds).sum(0)
+
+
+@dataclass(frozen=True)
+class StatusCounts:
+    """Problems by solver and status; counts of blocks, threads and ranks add up.
+
+    Attributes:
+        table: rows in the order of `Solver`, columns in that of `Status`, `[7, 4]` long.
+    """
+
+    table: Tensor
+
+    @classmethod
+    def none(cls) -> StatusCounts:
+        """No problems yet, on the CPU."""
+        return cls(torch.zeros(len(Solver), len(Status), dtype=torch.long))
+
+    @classmethod
+    def of(cls, solver: Solver, status: Tensor | Status) -> StatusCounts:
+        """Counts of the problems of one solver, on their device.
+
+        Args:
+            solver: the one that ended them.
+            status: int8 of any shape, or that of a single problem.
+        """
+        if isinstance(status, Status):
+            status = torch.tensor(status, dtype=STATUS_DTYPE)
+        table = torch.zeros(len(Solver), len(Status), dtype=torch.long, device=status.device)
+        table[solver] = count_by_status(status)
+        return cls(table)
+
+    def to(self, device: torch.device | str) -> StatusCounts:
+        """The same on `device`."""
+        return StatusCounts(self.table.to(device))
+
+    def __add__(self, other: StatusCounts) -> StatusCounts:
+        """The sum of both, on the device of the second: a running sum does not wait for it."""
+        return StatusCounts(self.table.to(other.table.device) + other.table)
+
+    def to_dict(self) -> dict[str, dict[str, int]]:
+        """Counts by lower-case names, `[solver][status]`; waits for the device."""
+        rows: list[list[int]] = self.table.tolist()
+        names = [status.name.lower() for status in Status]
+        return {
+            solver.name.lower(): dict(zip(names, rows[solver], strict=True)) for solver in Solver
+        }

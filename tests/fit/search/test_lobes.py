@@ -1,0 +1,87 @@
+"""What a search tells of its solvers, by either method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+
+from spmm_torch import FitConfig
+from spmm_torch.fit.dictionary import FoundLobes
+from spmm_torch.fit.search.lobes import search_lobes
+from spmm_torch.geometry.directions import direction_pairs, ring_directions
+from spmm_torch.lobes.grid import DirectionGrid
+from tests.hard.cases import Lobe, Planted, texture
+
+DIRECTIONS = ring_directions(((0.0, 1), (30.0, 6), (60.0, 10)))
+WHITE = (1.0, 1.0, 1.0)
+SAMPLES = 2
+SETTINGS: dict[str, Any] = {
+    "search": {
+        "max_lobes": 2,
+        "exchanges": 1,
+        "restarts": 2,
+        "pairs": 32,
+        "adam_steps": 2,
+        "lbfgs_steps": 4,
+        "models": ["lambertian", "blinn_phong"],
+    },
+    "stagewise": {"max_steps": 3},
+    "device": "cpu",
+}
+
+
+def search(method: str) -> FoundLobes:
+    """The lobes of two planted texels."""
+    pairs = direction_pairs(DIRECTIONS, DIRECTIONS)
+    broad, sharp = Lobe("lambertian"), Lobe("blinn_phong", (60.0,), tilt=20.0)
+    truths = [  # more lobes than the two that the search may use
+        Planted((broad, sharp, Lobe("blinn_phong", (exponent,))), (WHITE, WHITE, WHITE))
+        for exponent in (10.0, 20.0)
+    ]
+    btf = texture([truth(*pairs) for truth in truths], DIRECTIONS, "planted")
+    settings = {**SETTINGS, "search": {**SETTINGS["search"], "method": method}}
+    device = torch.device("cpu")
+    with torch.no_grad():
+        return search_lobes(
+            btf,
+            torch.arange(SAMPLES),
+            torch.zeros(SAMPLES, dtype=torch.long),
+            DirectionGrid.build(btf.light, btf.view, device),
+            FitConfig.from_dict(settings),
+            torch.Generator().manual_seed(0),
+            lambda steps: None,
+        )
+
+
+def totals(found: FoundLobes) -> dict[str, int]:
+    """Problems of each solver that had any."""
+    counts = found.solvers.to_dict()
+    return {name: sum(row.values()) for name, row in counts.items() if sum(row.values())}
+
+
+def test_corrective_search_counts_its_refinements_and_selections() -> None:
+    found = search("corrective")
+    count = totals(found)
+    assert set(count) == {"varpro", "foba", "nnls"}
+    assert count["varpro"] == int(found.starts[0]) > 0
+    assert count["nnls"] == 3 * count["foba"]  # one of each channel
+    assert int(found.solvers.to_dict()["nnls"]["converged"]) == count["nnls"]
+
+
+def test_stagewise_search_counts_its_climbs_and_paths() -> None:
+    found = search("stagewise")
+    count = totals(found)
+    assert set(count) == {"adam", "lbfgs", "stagewise_lasso"}
+    assert count["adam"] == count["lbfgs"] == int(found.starts[0]) > 0
+    # Three steps are too few for a path in steps of a few per cent.
+    assert found.solvers.to_dict()["stagewise_lasso"]["limit"] == SAMPLES
+
+
+@pytest.mark.parametrize("method", ["corrective", "stagewise"])
+def test_counts_survive_a_checkpoint(method: str) -> None:
+    found = search(method)
+    again = FoundLobes.from_tensors(found.to_tensors())
+    assert again.solvers.to_dict() == found.solvers.to_dict()
+    assert torch.equal(again.starts, found.starts)
