@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -12,6 +12,7 @@ from ..data.error_weights import Weights
 from ..runtime.memory import slices
 from ..runtime.progress import Advance
 from ..solvers.kmeans import kmeans
+from ..solvers.status import Solver, StatusCounts
 from .problem import Problem
 
 # Columns that the randomized sketch carries beyond the components asked for [HMT11, §4.2].
@@ -29,26 +30,32 @@ class Clusters:
         points: principal coordinates of the texels, `[T, P]`.
         labels: cluster of each texel, `[T]`, 0 to K - 1; every cluster has a texel.
         members: texel indices of each cluster, ascending.
+        solvers: how k-means ended.
     """
 
     points: Tensor
     labels: Tensor
     members: list[Tensor]
+    solvers: StatusCounts
 
     @classmethod
-    def of_labels(cls, points: Tensor, labels: Tensor) -> Clusters:
+    def of_labels(
+        cls, points: Tensor, labels: Tensor, solvers: StatusCounts | None = None
+    ) -> Clusters:
         """The clusters that labels 0 to K - 1 make."""
         count = int(labels.max()) + 1
-        return cls(points, labels, [torch.nonzero(labels == k).squeeze(1) for k in range(count)])
+        members = [torch.nonzero(labels == k).squeeze(1) for k in range(count)]
+        return cls(points, labels, members, solvers or StatusCounts.none())
 
     def to_tensors(self) -> dict[str, Tensor]:
         """For a checkpoint."""
-        return {"points": self.points, "labels": self.labels}
+        return {"points": self.points, "labels": self.labels, "solvers": self.solvers.table}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> Clusters:
         """From a checkpoint."""
-        return cls.of_labels(tensors["points"], tensors["labels"])
+        solvers = StatusCounts(tensors["solvers"])
+        return cls.of_labels(tensors["points"], tensors["labels"], solvers)
 
 
 @dataclass(frozen=True)
@@ -58,10 +65,12 @@ class Samples:
     Attributes:
         texels: `[S]`.
         clusters: cluster of each, `[S]`.
+        solvers: how k-means of the sub-clusters ended.
     """
 
     texels: Tensor
     clusters: Tensor
+    solvers: StatusCounts = field(default_factory=StatusCounts.none)
 
     def __len__(self) -> int:
         return len(self.texels)
@@ -83,19 +92,17 @@ def _clusters(problem: Problem, advance: Advance) -> Clusters:
     btf, config, context = problem.btf, problem.config.cluster, problem.context
     generator = context.generator("cluster")
     points = principal_points(problem, generator, advance)
-    labels = context.ranks.first(
-        lambda: (
-            kmeans(
-                points,
-                min(config.count, btf.texel_count),
-                generator,
-                iterations=config.iterations,
-                resolution=COORDINATE_ROUNDING * points.norm(dim=1),
-                weights=problem.weights.of_texels(slice(None)),
-            ).labels
+    found = context.ranks.first(
+        lambda: kmeans(
+            points,
+            min(config.count, btf.texel_count),
+            generator,
+            iterations=config.iterations,
+            resolution=COORDINATE_ROUNDING * points.norm(dim=1),
+            weights=problem.weights.of_texels(slice(None)),
         )
     )
-    return Clusters.of_labels(points, labels)
+    return Clusters.of_labels(points, found.labels, StatusCounts.of(Solver.KMEANS, found.status))
 
 
 def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None:
@@ -148,17 +155,18 @@ def _weighted(weights: Weights, rows: Tensor, texels: slice) -> Tensor:
 def sample_texels(problem: Problem, clusters: Clusters) -> Samples:
     """One random texel of each sub-cluster of each cluster, drawn by weight [WDR11 §4.1]."""
     weights, generator = problem.weights, problem.context.generator("sample")
-    texels, owners = [], []
+    texels, owners, counts = [], [], []
     for cluster, members in enumerate(clusters.members):
         count = min(problem.config.sample.per_cluster, len(members))
         points, own = clusters.points[members], weights.of_texels(members)
         resolution = COORDINATE_ROUNDING * points.norm(dim=1)
-        labels = kmeans(points, count, generator, resolution=resolution, weights=own).labels
-        for stratum in range(int(labels.max()) + 1):
-            inside = members[labels == stratum]
+        strata = kmeans(points, count, generator, resolution=resolution, weights=own)
+        counts.append(StatusCounts.of(Solver.KMEANS, strata.status))
+        for stratum in range(int(strata.labels.max()) + 1):
+            inside = members[strata.labels == stratum]
             texels.append(inside[_drawn(inside, weights, generator)])
             owners.append(cluster)
-    return Samples(torch.stack(texels), torch.tensor(owners))
+    return Samples(torch.stack(texels), torch.tensor(owners), StatusCounts.sum(counts))
 
 
 def _drawn(texels: Tensor, weights: Weights, generator: torch.Generator) -> int:

@@ -17,6 +17,7 @@ from ..report.contract import Report
 from ..report.summary import summarize, warning_of_failed_starts
 from ..runtime.context import Context
 from ..runtime.device import full_precision
+from ..solvers.status import StatusCounts
 from .assemble import assemble
 from .cluster import cluster_texels, sample_texels
 from .dictionary import build_dictionary
@@ -93,6 +94,7 @@ def fit(
         totals=Totals.sum(part.totals for part in fits),
         weighted=_sum([part.weighted for part in fits if part.weighted is not None]),
         starts=found.starts,
+        solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits)),
         ablation=ablation,
         auto=choice.report() if choice else None,
         mssim=pictures.mssim if pictures else None,

@@ -105,6 +105,7 @@ class Report:
         mssim: of the sphere pictures.
         lobes_by_model: entries of texels by BRDF, the most used one first.
         failed_starts: of the search.
+        solvers: problems by solver and by how they ended: converged, limit, no_descent, not_finite.
         error_without_model: what each BRDF is worth.
         auto: what was found to pay; None without `--auto`.
         seconds: by stage.
@@ -131,6 +132,7 @@ class Report:
     mssim: MSSIM
     lobes_by_model: dict[str, int]
     failed_starts: FailedStarts
+    solvers: dict[str, dict[str, int]]
     error_without_model: Ablation
     auto: dict[str, Any] | None
     seconds: Seconds

@@ -17,6 +17,7 @@ from ..metrics import Totals, psnr_db
 from ..model.spmm import SPMM
 from ..runtime.context import Context
 from ..runtime.memory import peak_resident_memory
+from ..solvers.status import StatusCounts
 from .contract import MSSIM, PSNR, SNR, Ablation, FailedStarts, Report, Seconds, Sizes
 
 
@@ -28,6 +29,7 @@ def summarize(
     totals: Totals,
     weighted: Totals | None,
     starts: Tensor,
+    solvers: StatusCounts,
     ablation: Ablation,
     auto: dict[str, Any] | None,
     mssim: dict[str, float] | None,
@@ -41,6 +43,7 @@ def summarize(
         totals: squared errors over the whole input.
         weighted: the same by weight; None where all values count alike.
         starts: of the search, see `FoundLobes.starts`.
+        solvers: all problems that were solved, by solver and status.
         ablation: what each BRDF is worth.
         auto: what was found to pay.
         mssim: of the sphere pictures; None where they were not asked for.
@@ -68,6 +71,7 @@ def summarize(
         mssim=MSSIM(**mssim) if mssim else MSSIM(),
         lobes_by_model=model.lobe_use_by_model(),
         failed_starts=failed_starts(starts),
+        solvers=solvers.to_dict(),
         error_without_model=ablation,
         auto=auto,
         seconds=Seconds(**seconds),

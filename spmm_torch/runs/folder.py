@@ -26,6 +26,7 @@ from ..runtime.tensor_file import MODEL_FILE
 
 CONFIG, LOG, REPORT_PAGE = "config.yaml", "log.txt", "report.html"
 # Inside of the folder while it is made: finished stages, what they depend on, and a lock.
+STATE_VERSION = 2  # of what finished stages hold
 STATE, FINGERPRINT, LOCK = "state", "fingerprint.json", "lock"
 
 
@@ -39,7 +40,7 @@ def fingerprint(btf: BTF, config: FitConfig) -> dict[str, Any]:
     source = Path(btf.path)
     size = source.stat().st_size if source.is_file() else None
     shape = [btf.height, btf.width, len(btf.view), len(btf.light)]
-    facts = {"version": __version__, "input": btf.path, "bytes": size, "shape": shape}
+    facts = {"version": __version__, "state": STATE_VERSION, "input": btf.path, "bytes": size, "shape": shape}
     return facts | _flat(config.to_dict())
 
 

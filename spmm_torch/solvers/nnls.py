@@ -112,13 +112,6 @@ def nnls_gram(
     return NNLSResult(weights.reshape(*batch, atoms), status.reshape(batch))
 
 
-def nnls_channels(
-    gram: Tensor, rhs: Tensor, *, allowed: Tensor, guess: Tensor | None = None
-) -> Tensor:
-    """Weights alone of `nnls_shared_gram`, `[B, C, J]` float64, for the same arguments."""
-    return nnls_shared_gram(gram, rhs, allowed=allowed, guess=guess).weights
-
-
 def nnls_shared_gram(
     gram: Tensor, rhs: Tensor, *, allowed: Tensor, guess: Tensor | None = None
 ) -> NNLSResult:

@@ -6,8 +6,11 @@ stop criterion of skglm do. Counts stay on the device until someone reads them.
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -104,6 +107,11 @@ class StatusCounts:
     def __add__(self, other: StatusCounts) -> StatusCounts:
         """The sum of both, on the device of the second: a running sum does not wait for it."""
         return StatusCounts(self.table.to(other.table.device) + other.table)
+
+    @classmethod
+    def sum(cls, parts: Iterable[StatusCounts]) -> StatusCounts:
+        """The sum of all parts, on the device of the last one."""
+        return reduce(operator.add, parts, cls.none())
 
     def to_dict(self) -> dict[str, dict[str, int]]:
         """Counts by lower-case names, `[solver][status]`; waits for the device."""

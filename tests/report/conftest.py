@@ -87,6 +87,9 @@ def report() -> dict[str, Any]:
         "mssim": {"y": None, "cr": None, "cb": None, "mean": None},
         "lobes_by_model": {"lambertian": 40, "ward": 20},
         "failed_starts": {"starts": 5120, "count": 3, "not_finite": 1, "no_descent": 2},
+        "solvers": {
+            "nnls": {"converged": 105, "limit": 1, "no_descent": 0, "not_finite": 0},
+        },
         "error_without_model": {
             "texels": 35,
             "snr_db": 13.98,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -11,6 +11,7 @@ from torch import Tensor
 from ...config.fit import FitConfig
 from ...runtime.context import Context
 from ...runtime.memory import slices
+from ...solvers.status import StatusCounts
 from ..residual.exact import DOUBTFUL
 from .texels import (
     Fit,
@@ -68,6 +69,7 @@ class Solution:
         error: squared error of the lobes alone.
         taken: how much of it the residual takes away.
         start: from where it was found.
+        solvers: the problems that were solved for it, by solver and status.
     """
 
     fits: list[Fit]
@@ -75,6 +77,11 @@ class Solution:
     error: float
     taken: float
     start: Start
+    solvers: StatusCounts
+
+    def after(self, earlier: StatusCounts) -> Solution:
+        """The same, with problems that were solved on the way."""
+        return replace(self, solvers=earlier + self.solvers)
 
     def on_cpu(self) -> list[tuple[Tensor, Tensor]]:
         """Index and weights of every block."""
@@ -101,23 +108,27 @@ class ClusterProblem:
         products = self.products
         if not self.config.residual.joint:
             return self._alone()
+        solvers = StatusCounts.none()
         if start is None:
-            start = self._beside(self._alone())
-        found = self._alternate(start)
+            alone = self._alone()
+            start, solvers = self._beside(alone), alone.solvers
+        found = self._alternate(start).after(solvers)
         energy = float(self.context.ranks.sum(products.total(products.energy)))
         of_mean = energy - products.count * float(products.mean_energy.sum())
         # Where rounding alone makes the difference, of equal texels say, lobes must not be lost.
         if found.error - found.taken > of_mean + DOUBTFUL * energy:
-            found = self._alternate(DEVIATIONS)
+            found = self._alternate(DEVIATIONS).after(found.solvers)
         return found
 
-    def pilot(self) -> tuple[Start, Tensor]:
-        """From where to fit more texels of the same cluster, and which atoms they need, `[J]` bool.
+    def pilot(self) -> tuple[Start, Tensor, StatusCounts]:
+        """What a pilot tells of all texels of its cluster.
 
-        Those that the lobes alone need: beside a residual the same have less to do.
+        Returns:
+            From where to fit them; which atoms the lobes alone need, `[J]` bool: beside a residual
+            the same ones have less to do; and the problems that were solved.
         """
         found = self._alone()
-        return self._beside(found), (found.mean > 0.0).any(1)
+        return self._beside(found), (found.mean > 0.0).any(1), found.solvers
 
     def _alone(self) -> Solution:
         return self._solution(LOBES_ALONE, self._each("select", self._select(LOBES_ALONE)))
@@ -131,7 +142,8 @@ class ClusterProblem:
         """Selects beside the residual that weights leave, then fits both in turn."""
         found = self._solution(start, self._each("select", self._select(start)))
         for _ in range(self.config.residual.alternations):
-            found = self._solution(start, self._each("refit", self._refit(found)))
+            refitted = self._solution(start, self._each("refit", self._refit(found)))
+            found = refitted.after(found.solvers)
         return found
 
     def _select(self, start: Start) -> Callable[[int, Products], Fit]:
@@ -171,4 +183,5 @@ class ClusterProblem:
         error = float(self.context.ranks.sum(own))
         taken = taken_by_residual(self.products, mean)
         fits = [fit for fit, _ in results]
-        return Solution(fits, mean, error, taken, start)
+        solvers = StatusCounts.sum(fit.solvers for fit in fits)
+        return Solution(fits, mean, error, taken, start, solvers)

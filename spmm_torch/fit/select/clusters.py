@@ -19,6 +19,7 @@ from ...metrics import Totals
 from ...runtime.context import Context
 from ...runtime.memory import slices
 from ...runtime.threads import side_by_side
+from ...solvers.status import StatusCounts
 from ..cluster import Clusters
 from ..dictionary import Dictionary
 from ..problem import Problem
@@ -46,6 +47,7 @@ class ClusterFit:
         scale: its scale `[]`.
         totals: squared errors of the cluster, over all measured values alike.
         weighted: the same by weight; None where all weights are 1.
+        solvers: the problems that were solved for it, by solver and status.
     """
 
     index: Tensor
@@ -54,6 +56,7 @@ class ClusterFit:
     scale: Tensor
     totals: Totals
     weighted: Totals | None = None
+    solvers: StatusCounts = field(default_factory=StatusCounts.none)
 
     def to_tensors(self) -> dict[str, Tensor]:
         """For a checkpoint."""
@@ -63,7 +66,8 @@ class ClusterFit:
             for name, part in sums.items()
             if part is not None
         }
-        return {name: part for name, part in vars(self).items() if name not in sums} | rows
+        tensors = {name: getattr(self, name) for name in ("index", "weights", "code", "scale")}
+        return tensors | rows | {"solvers": self.solvers.table}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> ClusterFit:
@@ -73,7 +77,7 @@ class ClusterFit:
             for name in ("totals", "weighted")
             if name in tensors
         }
-        return cls(**{**tensors, **sums})
+        return cls(**{**tensors, **sums, "solvers": StatusCounts(tensors["solvers"])})
 
 
 @dataclass(frozen=True)
@@ -149,21 +153,22 @@ def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit
     dictionary, config = stage.dictionary, stage.problem.config
     context = stage.problem.context
     where = dictionary.choices[cluster].to(dictionary.atoms.device)
-    start, size = None, config.select.pilot
+    start, size, solvers = None, config.select.pilot, StatusCounts.none()
     if size is not None and len(texels) > PILOTS * size:
         some = _pilot(context.generator(f"pilot-{cluster}"), texels, size)
-        start, needed = _cluster_problem(stage, some, where).pilot()
+        start, needed, solvers = _cluster_problem(stage, some, where).pilot()
         used = torch.nonzero(needed).squeeze(1)
         where, start = where[used], start.of(used)
     own = context.ranks.share(texels)
     problem = _cluster_problem(stage, texels, where)
-    fit = problem.solve(start)
+    fit = problem.solve(start).after(solvers)
     with context.watch("residual"):
         tally = _tally(stage, own, where, problem.products, fit)
     index, weights = _joined([pair for part in context.ranks.gather(fit.on_cpu()) for pair in part])
     lobe = torch.where(index >= 0, where.cpu()[index.clamp(min=0)], -1)  # [n, M]
     weights = weights / dictionary.norm.cpu()[lobe.clamp(min=0)][..., None]
-    return ClusterFit(lobe, weights, tally.code, tally.scale, tally.totals, tally.weighted)
+    counts = StatusCounts(context.ranks.sum(fit.solvers.table.cpu()))
+    return ClusterFit(lobe, weights, tally.code, tally.scale, tally.totals, tally.weighted, counts)
 
 
 def _pilot(generator: torch.Generator, texels: Tensor, size: int) -> Tensor:

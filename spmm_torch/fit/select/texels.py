@@ -6,15 +6,16 @@ pairs again, and errors follow exactly from the same numbers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor
 
 from ...config.fit import SelectConfig, StagewiseConfig
 from ...solvers.foba import select_corrective
-from ...solvers.nnls import nnls_channels
+from ...solvers.nnls import nnls_shared_gram
 from ...solvers.stagewise_lasso import lasso_threshold, stagewise_lasso
+from ...solvers.status import Solver, StatusCounts
 
 
 @dataclass(frozen=True)
@@ -80,10 +81,12 @@ class Fit:
     Attributes:
         index: chosen atoms `[n, M]`, -1 for padding.
         weights: `[n, M, C]` of unit-norm atoms, non-negative.
+        solvers: the problems that were solved for it, by solver and status.
     """
 
     index: Tensor
     weights: Tensor
+    solvers: StatusCounts = field(default_factory=StatusCounts.none)
 
     def total_weights(self, atoms: int, importance: Tensor | None = None) -> Tensor:
         """The sum over the texels, by their `importance [n]`, of every atom: `[J, C]` float64."""
@@ -110,7 +113,9 @@ def select(
         max_lobes=config.max_lobes,
         min_gain=products.least_gain(config.min_gain),
     )
-    return _compact(Fit(chosen.index, chosen.weights.to(products.correlation.dtype)))
+    solvers = StatusCounts.of(Solver.FOBA, chosen.status)
+    solvers += StatusCounts.of(Solver.NNLS, chosen.nnls_status)
+    return _compact(Fit(chosen.index, chosen.weights.to(products.correlation.dtype), solvers))
 
 
 @dataclass(frozen=True)
@@ -164,8 +169,9 @@ def refit(products: Products, fit: Fit, target: Target) -> Fit:
     gram = products.gram[slots[:, :, None], slots[:, None, :]]  # [n, M, M]
     channels = fit.weights.shape[2]
     rhs = target.correlation.gather(1, slots[..., None].expand(-1, -1, channels))  # [n, M, C]
-    weights = nnls_channels(gram, rhs.transpose(1, 2).double(), allowed=fit.index >= 0)
-    return _compact(Fit(fit.index, weights.transpose(1, 2).to(fit.weights.dtype)))
+    solved = nnls_shared_gram(gram, rhs.transpose(1, 2).double(), allowed=fit.index >= 0)
+    weights = solved.weights.transpose(1, 2).to(fit.weights.dtype)
+    return _compact(Fit(fit.index, weights, StatusCounts.of(Solver.NNLS, solved.status)))
 
 
 def squared_errors(products: Products, fit: Fit) -> Tensor:
@@ -224,7 +230,9 @@ def _select_stagewise(
         torch.where(value > 0.0, index, -1),
         weights.gather(2, index[:, None].expand(-1, channels, -1)).transpose(1, 2),
     )
-    return refit(products, fit, target)
+    refitted = refit(products, fit, target)
+    lasso = StatusCounts.of(Solver.STAGEWISE_LASSO, path.status)
+    return replace(refitted, solvers=lasso + refitted.solvers)
 
 
 def _compact(fit: Fit) -> Fit:
@@ -237,4 +245,4 @@ def _compact(fit: Fit) -> Fit:
     weights = (fit.weights * used[..., None]).gather(
         1, order[..., None].expand(-1, -1, fit.weights.shape[2])
     )
-    return Fit(index, weights)
+    return Fit(index, weights, fit.solvers)

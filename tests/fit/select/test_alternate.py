@@ -49,7 +49,7 @@ def test_rounding_does_not_cost_a_texel_its_lobes() -> None:
 def test_a_pilot_of_all_texels_tells_what_the_whole_fit_finds_itself() -> None:
     """Its start leads to the same weights, and its atoms are those of the lobes alone."""
     whole = problem(20, 1e-4)
-    start, needed = whole.pilot()
+    start, needed, solved = whole.pilot()
     found, expected = whole.solve(start), whole.solve()
     assert 0.0 < start.share < 1.0
     for mine, theirs in zip(found.fits, expected.fits, strict=True):
