@@ -9,7 +9,7 @@ import torch
 
 from ..model.spmm import SPMM
 from ..render.display import display_codes, white_exposure
-from .contract import MSSIM, PSNR, SNR, Report, Seconds, Sizes
+from .contract import MSSIM, PSNR, SNR, Ablation, Report, Seconds, Sizes
 from .html import render_template
 from .maps import Maps, model_maps
 from .pairs import Pair, choose_pairs, directions_text
@@ -32,6 +32,8 @@ def edited_report(report: Report, model: SPMM) -> Report:
         snr_db=SNR(),
         mssim=MSSIM(),
         seconds=Seconds(),
+        weighted_snr_db=None,
+        error_without_model=Ablation(),
         clusters=model.cluster_count,
         total_basis=len(model.lobe_model),
         mean_basis_per_texel=len(model.index) / model.texel_count,

@@ -71,8 +71,7 @@ class Checkpoint:
     def _keep(self, name: str, result: Stored, spent: dict[str, float]) -> None:
         if self.folder is None:
             return
-        tensors = {k: v.clone() for k, v in result.to_tensors().items()}  # none shares memory
-        content = tensor_file.pack(tensors, {SECONDS: json.dumps(spent)})
+        content = tensor_file.pack(result.to_tensors(), {SECONDS: json.dumps(spent)})
         write_atomic(self.folder / f"{name}.safetensors", content)
 
     def _read(self, name: str) -> tuple[dict[str, Tensor], dict[str, float]] | None:

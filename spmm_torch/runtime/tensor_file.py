@@ -28,7 +28,11 @@ def narrow(index: Tensor) -> Tensor:
 def pack(tensors: dict[str, Tensor], metadata: dict[str, str]) -> bytes:
     """The content of a file of `tensors` with `metadata`, marked with format and version."""
     marked = {"format": FORMAT, "version": str(VERSION), **metadata}
-    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    # Copies, as two names of one tensor are refused.
+    plain = {
+        name: tensor.detach().cpu().clone(memory_format=torch.contiguous_format)
+        for name, tensor in tensors.items()
+    }
     return _in_order(safetensors.torch.save(plain, metadata=marked))
 
 

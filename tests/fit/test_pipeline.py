@@ -115,6 +115,21 @@ def test_planted_model_is_found() -> None:
     check_errors(btf, result)
 
 
+def test_the_report_counts_how_solvers_ended() -> None:
+    btf, _ = planted_btf()
+    for method, used in (
+        ("corrective", {"kmeans", "varpro", "foba", "nnls"}),
+        ("stagewise", {"kmeans", "adam", "lbfgs", "stagewise_lasso", "nnls"}),
+    ):
+        config = small(search={"method": method}, select={"method": method})
+        solvers = fit(btf, config, render=False).report["solvers"]
+        ended = {name for name, ends in solvers.items() if sum(ends.values())}
+        assert ended == used
+        assert all(ends["not_finite"] == 0 for ends in solvers.values())
+        select = "foba" if method == "corrective" else "stagewise_lasso"
+        assert sum(solvers[select].values()) >= btf.texel_count
+
+
 def test_result() -> None:
     btf = noisy(3, 4)
     told = io.StringIO()

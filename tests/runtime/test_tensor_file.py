@@ -41,6 +41,13 @@ def test_round_trip(tmp_path: Path) -> None:
     assert [file.name for file in tmp_path.iterdir()] == [tensor_file.MODEL_FILE]
 
 
+def test_two_names_of_one_tensor() -> None:
+    one = torch.arange(3)
+    assert tensor_file.pack({"a": one, "b": one}, {}) == tensor_file.pack(
+        {"a": one, "b": one.clone()}, {}
+    )
+
+
 def test_same_tensors_same_bytes() -> None:
     turned = dict(reversed(TENSORS.items()))
     assert tensor_file.pack(TENSORS, {"x": "1", "y": "2"}) == tensor_file.pack(

@@ -8,10 +8,13 @@ import pytest
 import torch
 
 from spmm_torch import FitConfig
+from spmm_torch.data.error_weights import UNIFORM
+from spmm_torch.fit.cluster import Samples
 from spmm_torch.fit.dictionary import FoundLobes
+from spmm_torch.fit.problem import Problem
 from spmm_torch.fit.search.lobes import search_lobes
 from spmm_torch.geometry.directions import direction_pairs, ring_directions
-from spmm_torch.lobes.grid import DirectionGrid
+from spmm_torch.runtime.context import Context
 from tests.hard.cases import Lobe, Planted, texture
 
 DIRECTIONS = ring_directions(((0.0, 1), (30.0, 6), (60.0, 10)))
@@ -42,17 +45,10 @@ def search(method: str) -> FoundLobes:
     ]
     btf = texture([truth(*pairs) for truth in truths], DIRECTIONS, "planted")
     settings = {**SETTINGS, "search": {**SETTINGS["search"], "method": method}}
-    device = torch.device("cpu")
+    problem = Problem(btf, UNIFORM, FitConfig.from_dict(settings), Context.build("cpu"))
+    samples = Samples(torch.arange(SAMPLES), torch.zeros(SAMPLES, dtype=torch.long))
     with torch.no_grad():
-        return search_lobes(
-            btf,
-            torch.arange(SAMPLES),
-            torch.zeros(SAMPLES, dtype=torch.long),
-            DirectionGrid.build(btf.light, btf.view, device),
-            FitConfig.from_dict(settings),
-            torch.Generator().manual_seed(0),
-            lambda steps: None,
-        )
+        return search_lobes(problem, samples)
 
 
 def totals(found: FoundLobes) -> dict[str, int]:
