@@ -1,23 +1,20 @@
 """Cut a rectangle out of a UBO2003 BTF without decoding loss worth the name.
 
 The bundled sample was made by
-`python -m spmm_torch.data.crop WEAVE64.zip WEAVE40.zip --x 0 --y 0 --width 40 --height 40`.
+`spmm crop WEAVE64.zip WEAVE40.zip --x 0 --y 0 --width 40 --height 40`.
 """
 
 from __future__ import annotations
 
-import argparse
 import io
 import os
-import sys
 import zipfile
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from PIL import Image, JpegImagePlugin
 
-from ..errors import DataError, SPMMError
+from ..errors import DataError
 from .codecs import DECODE_ERRORS
 from .picture_set import list_pictures
 from .pictures import open_archive, unreadable
@@ -92,23 +89,3 @@ def _renamed(name: str, root: str) -> str:
     """The member's name under a new top folder."""
     parts = PurePosixPath(name).parts
     return str(PurePosixPath(root, *(parts[1:] if len(parts) > 1 else parts)))
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line of `crop_ubo2003`."""
-    parser = argparse.ArgumentParser(prog="python -m spmm_torch.data.crop", description=__doc__)
-    parser.add_argument("source", help="UBO2003 zip or folder of JPEGs")
-    parser.add_argument("destination", help="zip to write")
-    for option in ("--x", "--y", "--width", "--height"):
-        parser.add_argument(option, type=int, required=True, help="texels, along JPEG blocks")
-    given = parser.parse_args(arguments)
-    try:
-        crop_ubo2003(given.source, given.x, given.y, given.width, given.height, given.destination)
-    except SPMMError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
