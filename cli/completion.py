@@ -1,7 +1,7 @@
 """Print a script by which a shell completes commands, options and files of spmm.
 
 bash:  spmm completion bash > ~/.local/share/bash-completion/completions/spmm
-zsh:   spmm completion zsh > ~/.zfunc/_spmm (and fpath+=~/.zfunc before compinit)
+zsh:   spmm completion zsh > ~/.zfunc/_spmm (fpath+=~/.zfunc before compinit)
 tcsh:  spmm completion tcsh > ~/.spmm.tcsh (and source it in ~/.tcshrc)
 """
 

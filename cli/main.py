@@ -94,7 +94,7 @@ def parser() -> Parser:
         "-V", "--version", action="version", version=__version__, help="print the version and exit"
     )
     commands = result.add_subparsers(
-        title="commands", dest="command", metavar="COMMAND", required=True
+        title="commands", dest="command", metavar="COMMAND", required=True, help="what to do"
     )
     for name, command in COMMANDS.items():
         module = module_of(name)

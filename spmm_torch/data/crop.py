@@ -7,14 +7,13 @@ The bundled sample was made by
 from __future__ import annotations
 
 import io
-import os
 import zipfile
-from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from PIL import Image, JpegImagePlugin
 
 from ..errors import DataError
+from ..runtime.atomic import new_file, zip_member
 from .codecs import DECODE_ERRORS
 from .picture_set import list_pictures
 from .pictures import open_archive, unreadable
@@ -23,8 +22,6 @@ from .pictures import open_archive, unreadable
 BLOCK = 8
 SUBSAMPLED_BLOCK = 16
 FULL_COLOUR = 0  # Pillow's number for 4:4:4
-# Zips of the same crop are the same bytes.
-TIMESTAMP = (1980, 1, 1, 0, 0, 0)
 
 Box = tuple[int, int, int, int]  # left, top, right, bottom
 
@@ -39,25 +36,24 @@ def crop_ubo2003(
 
     Raises:
         DataError: no pictures, not JPEG, or a rectangle outside them or across JPEG blocks.
+        OutputError: the zip cannot be written.
     """
     path, target = Path(source), Path(destination)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     names = list_pictures(path)
     if not names:
         raise DataError(f"{path} holds no UBO2003 pictures; nothing to crop.")
     box = (x0, y0, x0 + width, y0 + height)
-    try:
-        with open_archive(path) as archive, zipfile.ZipFile(temporary, "w") as output:
-            for name in names:
-                try:
-                    picture = crop_jpeg(archive.read([name])[0], box, name)
-                except DECODE_ERRORS as error:
-                    raise unreadable(path, name, error) from error
-                output.writestr(zipfile.ZipInfo(_renamed(name, target.stem), TIMESTAMP), picture)
-        os.replace(temporary, target)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with (
+        open_archive(path) as archive,
+        new_file(target) as temporary,
+        zipfile.ZipFile(temporary, "w") as output,
+    ):
+        for name in names:
+            try:
+                picture = crop_jpeg(archive.read([name])[0], box, name)
+            except DECODE_ERRORS as error:
+                raise unreadable(path, name, error) from error
+            output.writestr(zip_member(_renamed(name, target.stem)), picture)
 
 
 def crop_jpeg(payload: bytes, box: Box, name: str) -> bytes:

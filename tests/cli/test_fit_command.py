@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from spmm_torch import BTF, SPMM, FitConfig, load_btf
-from spmm_torch.cli.fit import main
+from spmm_torch.cli.main import main
 from spmm_torch.data import sample_path
 from spmm_torch.data.crop import crop_ubo2003
 from spmm_torch.report import check_report
@@ -166,7 +166,7 @@ def test_same_seed_same_bytes(
     packed = []
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         options = ["--config", str(SMOKE), "--device", "cpu", "--seed", str(seed), "--no-render"]
-        assert main([str(sample), "-o", str(tmp_path / name), *options]) == 0
+        assert main(["fit", str(sample), "-o", str(tmp_path / name), *options]) == 0
         packed.append((tmp_path / name / "model.safetensors").read_bytes())
     assert packed[0] == packed[1]
     assert packed[0] != packed[2]
