@@ -18,17 +18,17 @@ from .parser import Parser, add_cache, add_output, file_name
 from .places import rectangle
 from .settings import escaped, in_yaml, settings_lines
 
-# The options that are short for a setting, by its key.
-SHORT: dict[str, dict[str, Any]] = {
-    "device": {"option": "--device"},
-    "seed": {"option": "--seed", "type": int, "metavar": "N"},
-    "data.crop": {"option": "--crop", "type": rectangle, "metavar": "X,Y,W,H"},
-    "data.texels": {"option": "--texels", "type": int, "metavar": "N"},
-    "data.directions": {"option": "--directions", "metavar": "K"},
-    "weights.scene": {"option": "--scene", "type": file_name, "metavar": "YAML"},
-    "weights.file": {"option": "--weights", "type": file_name, "metavar": "NPZ"},
-    "auto": {"option": "--auto", "action": "store_const", "const": True},
-}
+# The options that are short for a setting: its key, the option, and what argparse is to know of it.
+SHORT: tuple[tuple[str, str, dict[str, Any]], ...] = (
+    ("device", "--device", {"metavar": "DEVICE"}),
+    ("seed", "--seed", {"type": int, "metavar": "N"}),
+    ("data.crop", "--crop", {"type": rectangle, "metavar": "X,Y,W,H"}),
+    ("data.texels", "--texels", {"type": int, "metavar": "N"}),
+    ("data.directions", "--directions", {"metavar": "K"}),
+    ("weights.scene", "--scene", {"type": file_name, "metavar": "YAML"}),
+    ("weights.file", "--weights", {"type": file_name, "metavar": "NPZ"}),
+    ("auto", "--auto", {"action": "store_const", "const": True}),
+)
 
 
 def add_options(parser: Parser) -> None:
@@ -73,11 +73,10 @@ def add_options(parser: Parser) -> None:
 def add_short(parser: Parser) -> None:
     """The options of `SHORT`."""
     rows = {row.key: row for row in describe(FitConfig)}
-    for key, settings in SHORT.items():
-        settings = dict(settings)
+    for key, option, known in SHORT:
         default = in_yaml(rows[key].default)
         text = f"{rows[key].meaning}; short for --set {key}=... (default: {default})"
-        parser.add_argument(settings.pop("option"), dest=key, help=escaped(text), **settings)
+        parser.add_argument(option, dest=key, help=escaped(text), **known)
 
 
 def run(options: argparse.Namespace) -> list[str]:
@@ -136,7 +135,7 @@ def config_of(options: argparse.Namespace) -> FitConfig:
     from spmm_torch.runtime.device import local_device
 
     config = FitConfig.from_yaml(options.config) if options.config else FitConfig()
-    given = {key: vars(options)[key] for key in SHORT}
+    given = {key: vars(options)[key] for key, _, _ in SHORT}
     changes = {key: value for key, value in given.items() if value is not None}
     config = config.override(options.set).changed(changes)
     return replace(config, device=local_device(config.device))

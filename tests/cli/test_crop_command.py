@@ -21,6 +21,12 @@ def test_a_corner(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert (btf.height, btf.width) == (8, 16)
 
 
+def test_a_folder_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, target = write_source(tmp_path / "old.zip", smooth_jpeg()), tmp_path / "no" / "new.zip"
+    assert main(["crop", str(source), str(target), *CORNER, "--height=8"]) == 2
+    assert f"error: {target} cannot be written" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [

@@ -106,6 +106,8 @@ SETTINGS: dict[str, tuple[list[str], str]] = {
     "device too far": (["--device", "cuda:99"], "use --device cpu"),
     "other device": (["--device", "meta"], "expected auto, cpu, cuda or cuda:N"),
     "no scene": (["--scene", "no.yaml"], "no.yaml cannot be read"),
+    "apostrophe": (["--scene", "it's.yaml"], "it's.yaml cannot be read"),
+    "no rectangle": (["--crop", "1,2,3"], "'1,2,3' is no rectangle; expected X,Y,WIDTH,HEIGHT"),
     "no weights": (["--weights", "no.npz"], "weights no.npz cannot be read"),
     "bad floor": (["--set", "weights.floor=2"], "weights.floor is 2.0; expected 0.0 to 1.0"),
     "bad error": (["--set", "weights.error=l1"], "expected one of l2, cube-root, log"),

@@ -54,7 +54,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["--what"], "error: the following arguments are required: COMMAND; spmm --help tells"),
         (["fit", "x"], "error: the following arguments are required: -o/--output; spmm fit --help"),
         (["cache", "show"], "error: argument action: invalid choice: 'show'"),
-        (["cache", "list", "--what"], "error: unrecognized arguments: --what; spmm"),
+        (["cache", "list", "--what"], "error: unrecognized arguments: --what; spmm cache --help"),
     ],
 )
 def test_malformed_lines_are_one_sentence(
