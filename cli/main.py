@@ -68,16 +68,18 @@ def main(arguments: list[str] | None = None) -> int:
     if not given:
         root.print_help()
         return BAD_INPUT
-    command = Command("")
+    stopped = Command.stopped
     try:
-        options = root.parse_args(given)
-        command = COMMANDS[options.command]
+        options, unknown = root.parse_known_args(given)
+        if unknown:
+            options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+        stopped = COMMANDS[options.command].stopped
         print_lines(module_of(options.command).run(options))
     except SPMMError as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
-        print(command.stopped, file=sys.stderr)
+        print(stopped, file=sys.stderr)
         return STOPPED
     return 0
 
@@ -104,6 +106,7 @@ def parser() -> Parser:
             description=inspect.getdoc(module),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
+        added.set_defaults(parser=added)
         module.add_options(added)
     return result
 

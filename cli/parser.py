@@ -22,19 +22,6 @@ class Parser(argparse.ArgumentParser):
         """
         raise ConfigError(f"{message}; {self.prog} --help tells what is expected.")
 
-    def parse_known_args(
-        self, args: Sequence[str] | None = None, namespace: Any = None
-    ) -> tuple[Any, list[str]]:
-        """The options; each command refuses by itself what it does not know.
-
-        Raises:
-            ConfigError: an unknown option, or an argument too many.
-        """
-        options, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}")
-        return options, unknown
-
 
 class Group(Protocol):
     """A parser, or a part of its options with a title of their own."""
