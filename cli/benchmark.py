@@ -1,88 +1,91 @@
-"""The command `spmm benchmark`."""
+"""Measure speed against error on this machine.
+
+Compares settings and other methods, varies the size of the input, and holds
+each stage against its limit. Leave the machine alone meanwhile.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
-import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from spmm_torch.benchmark import limits, peers, scaling, sweep, weightings
-from spmm_torch.benchmark.environment import environment
-from spmm_torch.benchmark.fits import on_device, plain_fit, timed_fit
-from spmm_torch.benchmark.page import write_page
-from spmm_torch.benchmark.scope import FULL, SMALL, WARM_UP, Bench, Scope
-from spmm_torch.benchmark.variants import DEFAULT, shipped
-from spmm_torch.cli.parser import STOPPED
-from spmm_torch.data import sample_path
-from spmm_torch.errors import ConfigError, SPMMError
-from spmm_torch.runtime.atomic import new_folder
-from spmm_torch.runtime.device import resolve_device
-from spmm_torch.runtime.progress import Progress
+from spmm_torch.benchmark.repeats import FULL_REPEATS, SMALL_REPEATS
+from spmm_torch.config.fit import FitConfig
+from spmm_torch.errors import ConfigError
 
-PARTS: dict[str, ModuleType] = {
-    "sweep": sweep,
-    "peers": peers,
-    "weightings": weightings,
-    "scaling": scaling,
-    "limits": limits,
-}
+from .parser import Parser, add_output, file_name
+from .settings import add_settings
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from spmm_torch.benchmark.scope import Bench, Scope
+
+# The modules of `spmm_torch.benchmark` that measure something, in their order.
+PARTS = ("sweep", "peers", "weightings", "scaling", "limits")
 RESULTS, PAGE = "benchmark.json", "benchmark.html"
 SCHEMA_VERSION = 1
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command `spmm benchmark`; returns the exit code."""
-    options = parser().parse_args(arguments)
-    try:
-        results = run_files(options, Progress())
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("stopped; nothing was written.", file=sys.stderr)
-        return STOPPED
-    for line in headlines(results):
-        print(line)
-    print(Path(options.output) / PAGE)
-    return 0
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: Parser) -> None:
     """The options of `spmm benchmark`."""
-    result = argparse.ArgumentParser(
-        prog="spmm benchmark",
-        description="Measure speed against error: our own settings, other methods, scaling, and "
-        "each stage against its limit. Leave the machine alone meanwhile.",
+    add = parser.add_argument
+    add(
+        "input",
+        nargs="?",
+        type=file_name,
+        metavar="INPUT",
+        help="BTF as for spmm fit (default: the bundled sample)",
     )
-    add = result.add_argument
-    add("input", nargs="?", help="a BTF as for spmm fit (default: the bundled sample)")
-    add("-o", "--output", required=True, metavar="OUT", help=f"folder for {RESULTS} and {PAGE}")
-    add("--parts", default=",".join(PARTS), help="some of them (default: %(default)s)")
-    add("--small", action="store_true", help="about a minute: shows that it runs, no more")
-    add("--repeats", type=int, metavar="N", help=f"at most (default: {FULL.protocol.repeats})")
-    add("--device", default="auto", help="auto, cpu, cuda or cuda:N")
-    return result
+    add_output(parser, "OUT", f"folder to make, with {RESULTS} and {PAGE}")
+    add(
+        "--parts",
+        default=",".join(PARTS),
+        metavar="NAME,...",
+        help="parts of the benchmark (default: %(default)s)",
+    )
+    add("--small", action="store_true", help="measure for about a minute, to show that it runs")
+    add(
+        "--repeats",
+        type=int,
+        metavar="N",
+        help=f"runs of each measurement at most (default: {FULL_REPEATS}; {SMALL_REPEATS} with "
+        f"--small)",
+    )
+    add_settings(parser, FitConfig, "device")
 
 
-def run_files(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """Measures what the command line asks for, and writes it whole or not at all."""
-    parts = chosen_parts(options.parts)
+def run(options: argparse.Namespace) -> list[str]:
+    """Measures, and writes the results whole or not at all."""
+    from spmm_torch.benchmark.page import write_page
+    from spmm_torch.benchmark.scope import Bench
+    from spmm_torch.data import sample_path
+    from spmm_torch.runtime.atomic import new_folder
+    from spmm_torch.runtime.device import resolve_device
+    from spmm_torch.runtime.progress import Progress
+
+    parts, progress = chosen_parts(options.parts), Progress()
     scope = chosen_scope(options.small, options.repeats)
     device = resolve_device(options.device)
     source = Path(options.input) if options.input else sample_path()
     with new_folder(options.output) as folder:
-        total = 1 + sum(PARTS[name].count(scope) for name in parts)
+        total = 1 + sum(part(name).count(scope) for name in parts)
         with progress.stage("benchmark", total, "measurements") as stage:
-            results = run(Bench(source, scope, device, progress, stage), parts)
+            results = measure(Bench(source, scope, device, progress, stage), parts)
         text = json.dumps(finite(results), indent=1, ensure_ascii=False, allow_nan=False)
         (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
         write_page(folder / PAGE, results)
-    return results
+    return [*headlines(results), str(Path(options.output) / PAGE)]
+
+
+def part(name: str) -> ModuleType:
+    """The module of a part."""
+    return import_module(f"spmm_torch.benchmark.{name}")
 
 
 def chosen_parts(text: str) -> list[str]:
@@ -106,6 +109,8 @@ def chosen_scope(small: bool, repeats: int | None) -> Scope:
     Raises:
         ConfigError: fewer than one repeat.
     """
+    from spmm_torch.benchmark.scope import FULL, SMALL
+
     scope = SMALL if small else FULL
     if repeats is None:
         return scope
@@ -114,8 +119,13 @@ def chosen_scope(small: bool, repeats: int | None) -> Scope:
     return replace(scope, protocol=replace(scope.protocol, repeats=repeats))
 
 
-def run(bench: Bench, parts: list[str]) -> dict[str, Any]:
-    """The results of some parts, as the docstring of the package describes them."""
+def measure(bench: Bench, parts: list[str]) -> dict[str, Any]:
+    """The results of some parts, as the docstring of `spmm_torch.benchmark` describes them."""
+    from spmm_torch.benchmark.environment import environment
+    from spmm_torch.benchmark.fits import on_device, plain_fit, timed_fit
+    from spmm_torch.benchmark.scope import WARM_UP
+    from spmm_torch.benchmark.variants import DEFAULT, shipped
+
     scope = bench.scope
     config = on_device(shipped(DEFAULT, scope.overrides), bench.device)
     warm = bench.with_selection(WARM_UP)
@@ -140,7 +150,7 @@ def run(bench: Bench, parts: list[str]) -> dict[str, Any]:
         },
         "default": default.row(),
     }
-    return results | {name: PARTS[name].run(bench, default) for name in parts}
+    return results | {name: part(name).run(bench, default) for name in parts}
 
 
 def finite(value: Any) -> Any:

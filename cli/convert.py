@@ -1,127 +1,90 @@
-"""The command `spmm convert`: any BTF that can be read, written in another format."""
+"""Write a BTF in another format.
+
+--gamma holds for the 8-bit pictures of INPUT and of OUT alike.
+"""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from spmm_torch.data import BTF, load_btf
-from spmm_torch.data.options import DISPLAY_GAMMA, NEGATIVES
-from spmm_torch.data.store import Progress as Report
-from spmm_torch.data.ubo2014.write import DEFAULT_COMPONENTS, write_ubo2014
-from spmm_torch.data.writers import write_exr_folder, write_npz, write_ubo2003
-from spmm_torch.data.writers.ubo2003 import QUALITY
-from spmm_torch.errors import ConfigError, OutputError, SPMMError
-from spmm_torch.runtime.memory import DEFAULT_SHARE, free_memory
-from spmm_torch.runtime.progress import Progress
+from spmm_torch.config.fit import DataConfig
+from spmm_torch.config.schema import setting
+from spmm_torch.errors import ConfigError, OutputError
 
-Writer = Callable[[Path, BTF, argparse.Namespace, Report], None]
+from .inputs import decode
+from .parser import Parser, add_output, file_name
+from .settings import add_settings, read_settings
 
-SCALAR_BYTES = {"half": 2, "float": 4, "double": 8}
+# Bytes of a number.
+SCALARS = {"half": 2, "float": 4, "double": 8}
 # A name without a suffix is a folder, of EXR pictures.
 FORMAT_OF_SUFFIX = {".npz": "npz", ".zip": "ubo2003", ".btf": "btf", "": "exr"}
+# What is counted while each format is written.
+FORMATS = {"npz": "views", "ubo2003": "views", "exr": "views", "btf": "texels"}
 
 
-def _npz(path: Path, btf: BTF, options: argparse.Namespace, report: Report) -> None:
-    write_npz(path, btf, progress=report)
+@dataclass(frozen=True)
+class WriteSettings:
+    """How a BTF is written; each format heeds what concerns it."""
+
+    png: bool = setting(False, "PNG pictures in a zip, which lose nothing, instead of JPEG")
+    quality: int = setting(95, "quality of JPEG pictures in a zip", low=1, high=100)
+    components: int = setting(100, "singular values that a .btf keeps of each channel", low=1)
+    scalar: str = setting(
+        "float", "type of the numbers in a .btf, of 2, 4 or 8 bytes", choices=tuple(SCALARS)
+    )
 
 
-def _ubo2003(path: Path, btf: BTF, options: argparse.Namespace, report: Report) -> None:
-    pictures = "png" if options.png else "jpeg"
-    write_ubo2003(path, btf, options.gamma, pictures, options.quality, progress=report)
-
-
-def _exr(path: Path, btf: BTF, options: argparse.Namespace, report: Report) -> None:
-    write_exr_folder(path, btf, progress=report)
-
-
-def _btf(path: Path, btf: BTF, options: argparse.Namespace, report: Report) -> None:
-    scalar = SCALAR_BYTES[options.scalar]
-    write_ubo2014(path, btf, components=options.components, scalar=scalar, progress=report)
-
-
-# What is counted while it is written, and who writes it.
-WRITERS: dict[str, tuple[str, Writer]] = {
-    "npz": ("views", _npz),
-    "ubo2003": ("views", _ubo2003),
-    "exr": ("views", _exr),
-    "btf": ("texels", _btf),
-}
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command `spmm convert`; returns the exit code."""
-    options = parser().parse_args(arguments)
-    try:
-        output = convert(options)
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print(output)
-    return 0
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: Parser) -> None:
     """The options of `spmm convert`."""
-    result = argparse.ArgumentParser(
-        prog="spmm convert", description="Write a BTF in another format."
+    add = parser.add_argument
+    add("input", type=file_name, metavar="INPUT", help="BTF of any format that spmm fit reads")
+    add_output(
+        parser,
+        "OUT",
+        "name to make: X.npz, X.zip (UBO2003), X.btf (UBO2014), or one without suffix (EXR folder)",
     )
-    result.add_argument("input", help="BTF of any format that `spmm fit` reads")
-    result.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="OUT",
-        help="X.npz, X.zip (UBO2003), X.btf (UBO2014), or a name without suffix (EXR folder)",
-    )
-    result.add_argument("--format", choices=list(WRITERS), help="default: by the suffix of OUT")
-    result.add_argument(
-        "--gamma",
-        type=float,
-        default=DISPLAY_GAMMA,
-        help="exponent that makes 8-bit codes linear, of INPUT and of OUT (default: %(default)s)",
-    )
-    result.add_argument(
-        "--negative",
-        choices=NEGATIVES,
-        default="refuse",
-        help="values of INPUT below zero: refuse, clip to zero, or keep (default: %(default)s)",
-    )
-    result.add_argument("--png", action="store_true", help="UBO2003 zip: PNG instead of JPEG")
-    result.add_argument(
-        "--quality", type=int, default=QUALITY, help="UBO2003 zip: of JPEGs (default: %(default)s)"
-    )
-    result.add_argument(
-        "--components",
-        type=int,
-        default=DEFAULT_COMPONENTS,
-        help=".btf: singular values kept for each channel (default: %(default)s)",
-    )
-    result.add_argument(
-        "--scalar",
-        choices=list(SCALAR_BYTES),
-        default="float",
-        help=".btf: how numbers are stored (default: %(default)s)",
-    )
-    return result
+    add("--format", choices=tuple(FORMATS), help="format of OUT (default: by the suffix of OUT)")
+    add_settings(parser, DataConfig, "gamma", "cosine", "negative")
+    add_settings(parser, WriteSettings)
 
 
-def convert(options: argparse.Namespace) -> Path:
-    """Converts as the command line asks; the output is whole or not there at all."""
+def run(options: argparse.Namespace) -> list[str]:
+    """Converts; the output is whole or not there at all."""
+    from spmm_torch.data import load_input
+    from spmm_torch.runtime.progress import Progress
+
     target = Path(options.output)
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target} exists; expected a new name; choose one or remove it.")
-    unit, write = WRITERS[options.format or format_of(options.output)]
-    progress = Progress()
-    btf = load_btf(options.input, gamma=options.gamma, negative=options.negative)
-    with progress.stage("load", len(btf.view), "views") as stage:
-        btf.load(stage.to, memory=int(DEFAULT_SHARE * free_memory()))
+    format = options.format or format_of(options.output)
+    data, settings = read_settings(DataConfig, options), read_settings(WriteSettings, options)
+    write, unit, progress = writer_of(format, data.gamma, settings), FORMATS[format], Progress()
+    btf = load_input(options.input, data)
+    decode(btf, progress)
     total = len(btf.view) if unit == "views" else btf.texel_count
     with progress.stage("write", total, unit) as stage:
-        write(target, btf, options, stage.to)
-    return target
+        write(target, btf, progress=stage.to)
+    return [str(target)]
+
+
+def writer_of(format: str, gamma: float, settings: WriteSettings) -> Callable[..., None]:
+    """The writer of a format, called with (path, btf, progress=...)."""
+    from spmm_torch.data.ubo2014 import write_ubo2014
+    from spmm_torch.data.writers import write_exr_folder, write_npz, write_ubo2003
+
+    pictures, scalar = "png" if settings.png else "jpeg", SCALARS[settings.scalar]
+    zip_settings = {"gamma": gamma, "format": pictures, "quality": settings.quality}
+    return {
+        "npz": write_npz,
+        "ubo2003": partial(write_ubo2003, **zip_settings),
+        "exr": write_exr_folder,
+        "btf": partial(write_ubo2014, components=settings.components, scalar=scalar),
+    }[format]
 
 
 def format_of(output: str) -> str:
@@ -137,7 +100,3 @@ def format_of(output: str) -> str:
             f"or no suffix for a folder; choose another name or give --format."
         )
     return FORMAT_OF_SUFFIX[suffix]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

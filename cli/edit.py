@@ -1,80 +1,74 @@
-"""The command `spmm edit`."""
+"""Edit the model of a run by a script, and save it as another run.
+
+With --interactive, edit it in the browser.
+"""
 
 from __future__ import annotations
 
 import argparse
-import sys
-from typing import NoReturn
+from collections.abc import Iterator
 
-from spmm_torch.config.schema import describe
-from spmm_torch.edit import EDITS, MASKS, Script
-from spmm_torch.edit.examples import packaged, script_path
-from spmm_torch.errors import ConfigError, SPMMError
-from spmm_torch.runs.edited import edit_run
-from spmm_torch.runtime.device import full_precision, resolve_device
+from spmm_torch.config.fit import FitConfig
+from spmm_torch.errors import ConfigError
 
-INTERACTIVE = "--interactive"
+from . import editor
+from .parser import ListAction, Parser, add_output, add_run, file_name
+from .settings import add_settings, settings_lines
 
 
-class _Parser(argparse.ArgumentParser):
-    """Complains like everything else here: one sentence."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raises the complaint.
-
-        Raises:
-            ConfigError: always.
-        """
-        raise ConfigError(f"{message}; spmm edit --help tells what is expected.")
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command `spmm edit`; returns the exit code."""
-    if INTERACTIVE in (sys.argv[1:] if arguments is None else arguments):
-        return interactive(arguments)
-    try:
-        options = parser().parse_args(arguments)
-        script = Script.read(script_path(options.script))
-        with full_precision():
-            edit_run(options.run, script, options.output, resolve_device(options.device))
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print(options.output)
-    return 0
-
-
-def interactive(arguments: list[str] | None) -> int:
-    """`spmm edit RUN --interactive`; imported when asked for, as it needs the extra `viz`."""
-    from spmm_torch.cli.editor import main
-
-    return main(arguments)
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: Parser) -> None:
     """The options of `spmm edit`."""
-    result = _Parser(
-        prog="spmm edit",
-        description="Edit the model of a run by a script, and save it as another run.",
-        epilog=_epilog(),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    add = parser.add_argument
+    add_run(parser, "run folder or model file")
+    add(
+        "script",
+        nargs="?",
+        type=file_name,
+        metavar="SCRIPT",
+        help="YAML file of edits, or the name of an example; --list shows both",
     )
-    add = result.add_argument
-    add("run", metavar="RUN", help="run folder or model file")
-    add("script", metavar="SCRIPT", help=f"YAML file, or one of {', '.join(packaged())}")
-    add("-o", "--output", required=True, metavar="RUN2", help="folder to make")
-    add(INTERACTIVE, action="store_true", help="edit in the browser; takes no SCRIPT")
-    add("--device", default="auto", help="auto, cpu, cuda or cuda:N")
-    return result
+    add_output(parser, "RUN2", "run folder to make", required=False)
+    add_settings(parser, FitConfig, "device")
+    add(
+        "--list",
+        action=ListAction,
+        lines=edit_lines,
+        help="print all edits and masks with their options, and the examples",
+    )
+    editor.add_options(parser.add_argument_group("in the browser"))
 
 
-def _epilog() -> str:
-    """All edits and masks with their options."""
-    parts = []
+def run(options: argparse.Namespace) -> list[str]:
+    """Edits the run, or opens the editor.
+
+    Raises:
+        SPMMError: bad input, or a script that cannot be followed.
+    """
+    if options.interactive:
+        return editor.run(options)
+    if options.script is None or options.output is None:
+        missing = "SCRIPT" if options.script is None else "-o RUN2"
+        raise ConfigError(f"{missing} is missing; spmm edit --help tells what is expected.")
+    from spmm_torch.edit import Script
+    from spmm_torch.edit.examples import script_path
+    from spmm_torch.runs.edited import edit_run
+    from spmm_torch.runtime.device import full_precision, resolve_device
+
+    script = Script.read(script_path(options.script))
+    with full_precision():
+        edit_run(options.run, script, options.output, resolve_device(options.device))
+    return [options.output]
+
+
+def edit_lines() -> Iterator[str]:
+    """All that a script may hold, and the examples."""
+    from spmm_torch.edit import EDITS, MASKS
+    from spmm_torch.edit.examples import packaged
+
     for title, kinds in (("edits", EDITS), ("masks", MASKS)):
-        parts.append(f"{title}, with their options and defaults:")
+        yield f"{title}, with their options and defaults:"
         for name, kind in kinds.items():
-            parts.append(f"  {name}: {kind.__doc__}")
-            parts += [f"    {key} ({default}): {text}" for key, default, text in describe(kind)]
-    parts.append("every edit takes a mask; masks combine as {all: [...]}, {any: [...]}, {not: ...}")
-    return "\n".join(parts)
+            yield f"  {name}: {kind.__doc__}"
+            yield from settings_lines(kind, 6)
+    yield "every edit takes a mask; masks combine as {all: [...]}, {any: [...]}, {not: ...}"
+    yield f"examples: {', '.join(packaged())}"

@@ -1,23 +1,23 @@
-"""The command `spmm evaluate`."""
+"""Judge the saved model of a run against its input.
+
+Writes evaluation.json and evaluation.html: errors by angle, texel and
+direction pair, similarity of sphere pictures, and errors at directions that
+the fit did not see.
+"""
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from spmm_torch.cli.parser import Parser
-from spmm_torch.errors import SPMMError
-from spmm_torch.evaluate.judge import Judgement, judge
-from spmm_torch.evaluate.page import evaluation_page
-from spmm_torch.evaluate.source import Source, open_source
-from spmm_torch.report.contract import json_text
-from spmm_torch.runtime.atomic import new_file, new_folder
-from spmm_torch.runtime.device import full_precision, resolve_device
-from spmm_torch.runtime.memory import DEFAULT_SHARE, free_memory
-from spmm_torch.runtime.progress import Progress
+from .parser import Parser, add_output, add_run
+from .source import add_source_options, load_source
+
+if TYPE_CHECKING:
+    from spmm_torch.evaluate import Judgement
 
 FIGURES, PAGE = "evaluation.json", "evaluation.html"
 # A saved model whose figures are further than this, in decibels, from what its fit reported is
@@ -25,59 +25,31 @@ FIGURES, PAGE = "evaluation.json", "evaluation.html"
 SAME_DECIBELS = 0.01
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command `spmm evaluate`; returns the exit code."""
-    try:
-        options = parser().parse_args(arguments)
-        progress = Progress()
-        found = evaluate(options, progress)
-        progress.say(headline(found))
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print(Path(options.output or options.run) / PAGE)
-    return 0
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: Parser) -> None:
     """The options of `spmm evaluate`."""
-    result = Parser(
-        prog="spmm evaluate", description="Judge the saved model of a run against its input."
-    )
-    add = result.add_argument
-    add("run", metavar="RUN", help="run folder")
-    add("-o", "--output", metavar="OUT", help="folder to make (default: write into RUN)")
-    add_source_options(add)
-    return result
+    add_run(parser)
+    add_output(parser, "OUT", "folder to make (default: write into RUN)", required=False)
+    add_source_options(parser)
 
 
-def add_source_options(add: Callable[..., object]) -> None:
-    """The options that tell where the input of a run is, and how it is to be read."""
-    add("--against", metavar="INPUT", help="judge against this BTF (default: the input of RUN)")
-    add("--device", default="auto", help="auto, cpu, cuda or cuda:N")
-    add("--cache", metavar="FOLDER", help="keep decoded values of INPUT here, for later calls too")
+def run(options: argparse.Namespace) -> list[str]:
+    """Judges, and writes both files whole or not at all."""
+    from spmm_torch.evaluate import judge
+    from spmm_torch.evaluate.page import evaluation_page
+    from spmm_torch.report.contract import json_text
+    from spmm_torch.runtime.atomic import new_file
+    from spmm_torch.runtime.device import full_precision, resolve_device
+    from spmm_torch.runtime.progress import Progress
 
-
-def evaluate(options: argparse.Namespace, progress: Progress) -> Judgement:
-    """Evaluates as the command line asks, and writes both files whole or not at all."""
+    progress = Progress()
     with _output(options.output, options.run) as folder, full_precision():
         device = resolve_device(options.device)
-        source = load_source(options, progress)
-        found = judge(source, device, progress)
-        page = evaluation_page(found)
-        for name, text in ((FIGURES, json_text(found.figures)), (PAGE, page)):
+        found = judge(load_source(options, progress), device, progress)
+        for name, text in ((FIGURES, json_text(found.figures)), (PAGE, evaluation_page(found))):
             with new_file(folder / name) as temporary:
                 temporary.write_text(text, encoding="utf-8")
-    return found
-
-
-def load_source(options: argparse.Namespace, progress: Progress) -> Source:
-    """The run and its input, decoded."""
-    source = open_source(options.run, options.against, resolve_device(options.device))
-    cache = Path(options.cache) if options.cache else None
-    with progress.stage("load", len(source.btf.view), "views") as stage:
-        source.btf.load(stage.to, memory=int(DEFAULT_SHARE * free_memory()), cache=cache)
-    return source
+    progress.say(headline(found))
+    return [str(Path(options.output or options.run) / PAGE)]
 
 
 def headline(found: Judgement) -> str:
@@ -101,6 +73,8 @@ def headline(found: Judgement) -> str:
 @contextmanager
 def _output(output: str | None, run: str) -> Iterator[Path]:
     """The folder to write into: a new one that appears at the end, or that of the run."""
+    from spmm_torch.runtime.atomic import new_folder
+
     if output is None:
         yield Path(run)
         return

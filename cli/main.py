@@ -1,69 +1,116 @@
-"""`spmm COMMAND ...`: one subcommand for each job."""
+"""`spmm COMMAND ...`: the table of commands, and the one place that runs them."""
 
 from __future__ import annotations
 
+import argparse
+import inspect
 import sys
-from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
 
 from spmm_torch import __version__
-from spmm_torch.cli import (
-    benchmark,
-    cache,
-    convert,
-    edit,
-    evaluate,
-    figures,
-    fit,
-    render,
-    synthesize,
-)
+from spmm_torch.errors import SPMMError
+
+from .parser import Parser, print_lines
+
+# Exit codes: of bad input, and of a command that Ctrl-C has ended, as shells give it.
+BAD_INPUT, STOPPED = 2, 130
+NOTHING_WRITTEN = "stopped; nothing was written."
 
 
-def view(arguments: list[str]) -> int:
-    """`spmm view`; imported when it is asked for, as it needs the extra `viz`."""
-    from spmm_torch.cli.view import main
+@dataclass(frozen=True)
+class Command:
+    """A command of `spmm`, whose name is that of its module.
 
-    return main(arguments)
+    Attributes:
+        meaning: what it does, in the list of commands.
+        stopped: what is said once Ctrl-C has ended it.
+    """
+
+    meaning: str
+    stopped: str = "stopped."
 
 
-COMMANDS: dict[str, tuple[Callable[[list[str]], int], str]] = {
-    "fit": (fit.main, "fit a model to a BTF: spmm fit INPUT -o RUN"),
-    "evaluate": (evaluate.main, "judge a run: errors, MSSIM, where it fails: spmm evaluate RUN"),
-    "figures": (figures.main, "the figures of the paper for a run: spmm figures RUN -o OUT"),
-    "render": (
-        render.main,
-        "picture of a model or BTF on a sphere or plane: spmm render RUN -o X.png",
+COMMANDS: dict[str, Command] = {
+    "fit": Command(
+        "fit a model to a BTF",
+        "stopped; the same command with --resume goes on from the last finished stage.",
     ),
-    "edit": (edit.main, "edit a model by a script: spmm edit RUN SCRIPT -o RUN2"),
-    "view": (view, "lobes of a texel, mosaic and maps of a model: spmm view RUN --texel X,Y"),
-    "convert": (convert.main, "write a BTF in another format: spmm convert INPUT -o OUT"),
-    "synthesize": (
-        synthesize.main,
-        "path-trace a BTF from texture maps: spmm synthesize ... -o OUT",
-    ),
-    "benchmark": (benchmark.main, "speed against error, on this machine: spmm benchmark -o OUT"),
-    "cache": (cache.main, "show or clear the cache of decoded BTFs: spmm cache list|clear"),
+    "evaluate": Command("judge a run: errors, MSSIM, and where it fails"),
+    "figures": Command("draw the figures of the paper for a run", NOTHING_WRITTEN),
+    "render": Command("render a model or a BTF on a sphere or a plane", NOTHING_WRITTEN),
+    "edit": Command("edit a model, by a script or in the browser", NOTHING_WRITTEN),
+    "view": Command("show the lobes of a texel, a mosaic, or maps of a model"),
+    "convert": Command("write a BTF in another format", NOTHING_WRITTEN),
+    "crop": Command("cut a rectangle out of a BTF of JPEG pictures", NOTHING_WRITTEN),
+    "synthesize": Command("path-trace a BTF from texture maps", NOTHING_WRITTEN),
+    "benchmark": Command("measure speed against error on this machine", NOTHING_WRITTEN),
+    "cache": Command("show or clear the cache of decoded BTFs"),
+    "completion": Command("print a script by which a shell completes spmm"),
 }
 
 
-def usage() -> str:
-    """What `spmm --help` prints."""
-    rows = "\n".join(f"  {name:<10} {meaning}" for name, (_, meaning) in COMMANDS.items())
-    head = f"spmm {__version__}\n\nusage: spmm COMMAND ..."
-    return f"{head}\n\n{rows}\n\nspmm COMMAND --help tells more."
-
-
 def main(arguments: list[str] | None = None) -> int:
-    """Runs a subcommand and returns its exit code; 2 for bad input."""
+    """Runs a command.
+
+    Args:
+        arguments: of the command line, without the name of the program; None: those of the process.
+
+    Returns:
+        The exit code: 0, 2 for bad input, 130 after Ctrl-C.
+
+    Raises:
+        SystemExit: after a help text was printed.
+    """
     given = sys.argv[1:] if arguments is None else arguments
-    if not given or given[0] in ("-h", "--help"):
-        print(usage())
-        return 0 if given else 2
-    if given[0] == "--version":
-        print(__version__)
-        return 0
-    if given[0] not in COMMANDS:
-        known = ", ".join(COMMANDS)
-        print(f"error: unknown command {given[0]}; expected one of {known}.", file=sys.stderr)
-        return 2
-    return COMMANDS[given[0]][0](given[1:])
+    root = parser()
+    if not given:
+        root.print_help()
+        return BAD_INPUT
+    stopped = Command.stopped
+    try:
+        options, unknown = root.parse_known_args(given)
+        if unknown:
+            options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+        stopped = COMMANDS[options.command].stopped
+        print_lines(module_of(options.command).run(options))
+    except SPMMError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print(stopped, file=sys.stderr)
+        return STOPPED
+    return 0
+
+
+def parser() -> Parser:
+    """The parser of all commands."""
+    result = Parser(
+        prog="spmm",
+        description="Sparse parametric mixture models of measured BTFs.",
+        epilog="spmm fit INPUT -o RUN makes the folder RUN, which most other commands take. "
+        "spmm COMMAND --help tells more.",
+    )
+    result.add_argument(
+        "-V", "--version", action="version", version=__version__, help="print the version and exit"
+    )
+    commands = result.add_subparsers(
+        title="commands", dest="command", metavar="COMMAND", required=True, help="what to do"
+    )
+    for name, command in COMMANDS.items():
+        module = module_of(name)
+        added = commands.add_parser(
+            name,
+            help=command.meaning,
+            description=inspect.getdoc(module),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        added.set_defaults(parser=added)
+        module.add_options(added)
+    return result
+
+
+def module_of(command: str) -> ModuleType:
+    """The module of a command."""
+    return import_module(f".{command}", __package__)

@@ -1,18 +1,18 @@
-"""Command lines that complain like everything else here: in one sentence."""
+"""The parser of all command lines, and the options that are the same everywhere."""
 
 from __future__ import annotations
 
 import argparse
-from typing import NoReturn
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NoReturn, Protocol
 
 from spmm_torch.errors import ConfigError
 
-# Exit code of a command that Ctrl-C has ended, as shells give it.
-STOPPED = 130
-
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that raises what it does not accept."""
+    """An argument parser that raises its complaints, so that they end like all others."""
 
     def error(self, message: str) -> NoReturn:
         """Raises the complaint.
@@ -21,3 +21,82 @@ class Parser(argparse.ArgumentParser):
             ConfigError: always.
         """
         raise ConfigError(f"{message}; {self.prog} --help tells what is expected.")
+
+
+class Group(Protocol):
+    """A parser, or a part of its options with a title of their own."""
+
+    def add_argument(self, *names: str, **settings: Any) -> argparse.Action:
+        """Adds an argument or option."""
+        ...
+
+
+class ListAction(argparse.Action):
+    """An option that prints lines and ends the command, whatever else is given.
+
+    Args:
+        lines: makes them, once they are asked for.
+    """
+
+    def __init__(self, *, lines: Callable[[], Iterable[str]], **settings: Any) -> None:
+        super().__init__(nargs=0, **settings)
+        self.lines = lines
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,
+    ) -> None:
+        """Prints the lines and exits with code 0."""
+        print_lines(self.lines())
+        parser.exit()
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Prints lines for as long as somebody reads them."""
+    try:
+        for line in lines:
+            print(line)
+        sys.stdout.flush()
+    except BrokenPipeError:  # such as of head; nor must Python complain of it when it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def file_name(text: str) -> str:
+    """The name of a file or folder as it was typed: shells complete arguments of this `type`."""
+    return text
+
+
+def add_run(parser: Group, meaning: str = "run folder") -> None:
+    """The argument RUN."""
+    parser.add_argument("run", type=file_name, metavar="RUN", help=meaning)
+
+
+def add_output(parser: Group, metavar: str, meaning: str, *, required: bool = True) -> None:
+    """The option -o."""
+    parser.add_argument(
+        "-o", "--output", type=file_name, required=required, metavar=metavar, help=meaning
+    )
+
+
+def add_against(parser: Group) -> None:
+    """The option --against, for commands that need what was measured beside the model."""
+    parser.add_argument(
+        "--against",
+        type=file_name,
+        metavar="INPUT",
+        help="BTF to compare with (default: the input of RUN)",
+    )
+
+
+def add_cache(parser: Group) -> None:
+    """The option --cache, for commands that decode a BTF."""
+    parser.add_argument(
+        "--cache",
+        type=file_name,
+        metavar="FOLDER",
+        help="folder that keeps the decoded BTF for later commands (default: the user's cache "
+        "folder, and only for a BTF that does not fit in memory)",
+    )

@@ -1,142 +1,115 @@
-"""The command `spmm render`."""
+"""Render a model, or a BTF itself, on a sphere or a plane, by direct light."""
 
 from __future__ import annotations
 
 import argparse
 import math
-import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
-import torch
+from spmm_torch.config.fit import DataConfig, FitConfig
+from spmm_torch.config.render import LIGHT_FORMS, SceneConfig
+from spmm_torch.errors import ConfigError
 
-from spmm_torch.cli.parser import Parser
-from spmm_torch.data import load_btf
-from spmm_torch.data.options import NEGATIVES
-from spmm_torch.errors import ConfigError, SPMMError
-from spmm_torch.model.spmm import SPMM
-from spmm_torch.render.btf_material import BTFMaterial
-from spmm_torch.render.camera import turn
-from spmm_torch.render.display import (
-    auto_exposure,
-    check_output,
-    display_codes,
-    write_exr,
-    write_gif,
-    write_png,
-)
-from spmm_torch.render.material import Material
-from spmm_torch.render.options import (
-    CAMERA_FORMS,
-    LIGHT_FORMS,
-    parse_camera,
-    parse_exposure,
-    parse_light,
-)
-from spmm_torch.render.renderer import Rendering, RenderSettings, Scene, render
-from spmm_torch.render.shapes import SHAPES, Texture
-from spmm_torch.runtime.device import full_precision, resolve_device
-from spmm_torch.runtime.memory import DEFAULT_SHARE, free_memory
-from spmm_torch.runtime.progress import Progress
+from .inputs import decode
+from .parser import Parser, add_cache, add_output, file_name
+from .settings import add_settings, read_settings
 
-# Repeats of the texture that show its texels and its structure alike at the default size.
-REPEAT = 2.0
-TURNING = ("light", "camera")
+if TYPE_CHECKING:
+    import torch
+
+    from spmm_torch.render import Material, Rendering, Scene
+    from spmm_torch.runtime.progress import Progress
+
 MAX_FRAMES = 1000
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command `spmm render`; returns the exit code."""
-    try:
-        options = parser().parse_args(arguments)
-        exposure = render_files(options, Progress())
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    shown = "" if exposure is None else f" (exposure {exposure:.6g})"
-    print(f"{options.output}{shown}")
-    return 0
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: Parser) -> None:
     """The options of `spmm render`."""
-    settings = RenderSettings()
-    result = Parser(prog="spmm render", description="Render a model, or a BTF, on a shape.")
-    add = result.add_argument
-    add("run", nargs="?", metavar="RUN", help="run folder or model file")
-    add("-o", "--output", required=True, metavar="OUT", help=".png, .exr, or .gif of a turntable")
-    add("--input", metavar="BTF", help="render this BTF itself instead of RUN")
-    add(
-        "--negative",
-        choices=NEGATIVES,
-        default="refuse",
-        help="values of that BTF below zero: refuse, clip to zero, or keep (default: %(default)s)",
-    )
-    add("--shape", default="sphere", help=f"{' or '.join(SHAPES)} (default: sphere)")
-    add("--repeat", type=float, default=REPEAT, help="copies of the texture across (default: 2)")
-    add("--camera", default="orthographic", help=f"{CAMERA_FORMS}; degrees, from +z")
+    add = parser.add_argument
+    add("run", nargs="?", type=file_name, metavar="RUN", help="run folder or model file")
+    add_output(parser, "OUT", "picture to make: .png, .exr (linear), or .gif of a turntable")
+    add("--input", type=file_name, metavar="BTF", help="BTF to render instead of RUN")
+    add_settings(parser, DataConfig, "cosine", "negative")
+    add_settings(parser, SceneConfig, "shape", "repeat", "camera")
     add(
         "--light",
+        dest="lights",
         action="append",
         metavar="LIGHT",
-        help=f"repeatable: {LIGHT_FORMS}; degrees, from +z (default: studio)",
+        help=f"light: {LIGHT_FORMS}; angles in degrees from +z; may be repeated (default: studio)",
     )
-    add("--size", type=int, default=settings.size, help="pixels each way (default: %(default)s)")
-    add("--samples", type=int, default=settings.samples, help="eye rays (default: %(default)s)")
+    add_settings(parser, SceneConfig, "size", "samples", "light_samples")
     add(
-        "--light-samples",
-        type=int,
-        default=settings.light_samples,
-        help="directions to an environment for each eye ray, and as many by the material "
-        "(default: %(default)s)",
+        "--exposure",
+        default="auto",
+        metavar="FACTOR",
+        help="factor from radiance to display values; auto: nearly nothing clips (default: auto)",
     )
-    add("--exposure", default="auto", help="factor, or auto: nearly nothing clips (default: auto)")
-    add("--gamma", type=float, help="display exponent (default: the sRGB curve)")
-    add("--turntable", type=int, metavar="N", help="N frames of one turn")
-    add("--turn", default="light", help=f"what turns: {' or '.join(TURNING)} (default: light)")
-    add("--seed", type=int, default=settings.seed, help="of every random choice")
-    add("--device", default="auto", help="auto, cpu, cuda or cuda:N")
-    add("--cache", metavar="FOLDER", help="keep decoded values of BTF here, for later calls too")
-    return result
+    add(
+        "--gamma",
+        dest="display_gamma",
+        type=float,
+        metavar="X",
+        help="display gamma of a .png or .gif (default: the sRGB curve)",
+    )
+    add("--turntable", type=int, metavar="N", help=f"frames of one turn; 2 to {MAX_FRAMES}")
+    add(
+        "--turn",
+        choices=("light", "camera"),
+        default="light",
+        help="what turns in a turntable (default: %(default)s)",
+    )
+    add_settings(parser, SceneConfig, "seed")
+    add_settings(parser, FitConfig, "device")
+    add_cache(parser)
 
 
-def render_files(options: argparse.Namespace, progress: Progress) -> float | None:
-    """Renders as the command line asks, and writes the output whole or not at all.
+def run(options: argparse.Namespace) -> list[str]:
+    """Renders, and writes the output whole or not at all."""
+    from spmm_torch.render import render
+    from spmm_torch.render.options import parse_exposure
+    from spmm_torch.render.scene_file import scene_of
+    from spmm_torch.runtime.device import full_precision, resolve_device
+    from spmm_torch.runtime.progress import Progress
 
-    Returns:
-        The exposure; None where the output is linear.
-    """
     _check(options)
-    exposure = parse_exposure(options.exposure)
-    camera = parse_camera(options.camera)
-    lights = tuple(parse_light(text) for text in options.light or ["studio"])
-    settings = RenderSettings(options.size, options.samples, options.light_samples, options.seed)
-    Scene(SHAPES[options.shape](Texture(options.repeat)), camera, lights)  # what is wrong, at once
+    exposure, config, progress = (
+        parse_exposure(options.exposure),
+        read_settings(SceneConfig, options),
+        Progress(),
+    )
+    scene_of(config)  # what is wrong with it shows before a BTF is decoded
     device = resolve_device(options.device)
     material, aspect = load_material(options, device, progress)
-    scene = Scene(SHAPES[options.shape](Texture(options.repeat, aspect)), camera, lights)
+    scene = scene_of(config, aspect)
     scenes = turned(scene, options.turntable, options.turn) if options.turntable else [scene]
-    total = len(scenes) * settings.size**2 * settings.samples
+    total = len(scenes) * config.size**2 * config.samples
     with progress.stage("render", total, "eye rays") as stage, full_precision():
-        pictures = [render(material, each, settings, device, progress=stage) for each in scenes]
-    return _write(options, pictures, exposure)
+        pictures = [render(material, each, config, device, progress=stage) for each in scenes]
+    exposure = write_pictures(options, pictures, exposure)
+    return [options.output if exposure is None else f"{options.output} (exposure {exposure:.6g})"]
 
 
 def load_material(
     options: argparse.Namespace, device: torch.device, progress: Progress
 ) -> tuple[Material, float]:
     """What is to be rendered, on its device, and width over height of its texture."""
+    from spmm_torch.data import load_input
+    from spmm_torch.model.spmm import SPMM
+    from spmm_torch.render import BTFMaterial
+
     if options.input is None:
         model = SPMM.load(options.run, device)
         return model, model.width / model.height
-    btf = load_btf(options.input, negative=options.negative)
-    cache = Path(options.cache) if options.cache else None
-    with progress.stage("load", len(btf.view), "views") as stage:
-        btf.load(stage.to, memory=int(DEFAULT_SHARE * free_memory()), cache=cache)
+    btf = load_input(options.input, read_settings(DataConfig, options))
+    decode(btf, progress, options.cache)
     return BTFMaterial.build(btf, device), btf.width / btf.height
 
 
 def turned(scene: Scene, frames: int, what: str) -> list[Scene]:
     """One scene for each frame of a turn of the lights, or of the camera, about the shape."""
+    from spmm_torch.render import Scene, turn
+
     scenes = []
     for frame in range(frames):
         rotation = turn(scene.shape.axis, 2.0 * math.pi * frame / frames)
@@ -148,34 +121,35 @@ def turned(scene: Scene, frames: int, what: str) -> list[Scene]:
     return scenes
 
 
-def _check(options: argparse.Namespace) -> None:
-    """Refuse what cannot go on, before any work is done."""
-    if options.run is None and options.input is None:
-        raise ConfigError("nothing to render; expected RUN, or --input BTF; give one of them.")
-    for name, known in (("shape", tuple(SHAPES)), ("turn", TURNING)):
-        value = getattr(options, name)
-        if value not in known:
-            raise ConfigError(f"--{name} is {value!r}; expected {' or '.join(known)}.")
-    if options.gamma is not None and not (math.isfinite(options.gamma) and options.gamma > 0.0):
-        raise ConfigError(f"--gamma is {options.gamma}; expected a positive number.")
-    if options.turntable is not None and not 2 <= options.turntable <= MAX_FRAMES:
-        raise ConfigError(f"--turntable is {options.turntable}; expected 2 to {MAX_FRAMES} frames.")
-    check_output(options.output, options.turntable is not None)
-
-
-def _write(
+def write_pictures(
     options: argparse.Namespace, results: list[Rendering], exposure: float | None
 ) -> float | None:
     """Writes the pictures; returns the exposure that was taken, None for linear ones."""
+    from spmm_torch.render import auto_exposure, display_codes, write_exr, write_gif, write_png
+
     pictures = [result.picture for result in results]
     if options.output.lower().endswith(".exr"):
         write_exr(options.output, pictures[0])
         return None
     if exposure is None:
         exposure = auto_exposure(pictures, [result.coverage for result in results])
-    codes = [display_codes(picture, exposure, options.gamma) for picture in pictures]
+    codes = [display_codes(picture, exposure, options.display_gamma) for picture in pictures]
     if options.turntable is not None:
         write_gif(options.output, codes)
     else:
         write_png(options.output, codes[0])
     return exposure
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuses what cannot go on, before any work is done."""
+    from spmm_torch.render.display import check_output
+
+    gamma, frames = options.display_gamma, options.turntable
+    if options.run is None and options.input is None:
+        raise ConfigError("nothing to render; expected RUN, or --input BTF; give one of them.")
+    if gamma is not None and not (math.isfinite(gamma) and gamma > 0.0):
+        raise ConfigError(f"--gamma is {gamma}; expected a positive number.")
+    if frames is not None and not 2 <= frames <= MAX_FRAMES:
+        raise ConfigError(f"--turntable is {frames}; expected 2 to {MAX_FRAMES} frames.")
+    check_output(options.output, frames is not None)

@@ -1,76 +1,42 @@
-"""The command `spmm synthesize`."""
+"""Path-trace a BTF from ordinary texture maps with Mitsuba 3."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from spmm_torch.errors import SPMMError
-from spmm_torch.runtime.progress import Progress
-from spmm_torch.synthesize.maps import read_maps
-from spmm_torch.synthesize.pipeline import synthesize_btf, target_of
-from spmm_torch.synthesize.settings import RINGS, SCALES, SynthesisSettings
-from spmm_torch.synthesize.variant import VARIANTS
+from spmm_torch.config.synthesis import SynthesisSettings
+
+from .parser import Parser, add_output, file_name
+from .settings import add_settings, read_settings
 
 MAPS = {
-    "height": "grey, 8 or 16 bits; white is high",
-    "albedo": "base colour, sRGB",
-    "roughness": "grey, linear",
-    "metallic": "grey, linear; default: no metal",
-    "normal": "OpenGL style; replaces the normals of the height map",
+    "height": "grey picture of the height, 8 or 16 bits; white is high",
+    "albedo": "picture of the base colour, sRGB",
+    "roughness": "grey picture of the roughness, linear",
+    "metallic": "grey picture of what is metal, linear (default: no metal)",
+    "normal": "normal map in OpenGL style (default: the normals of the height map)",
 }
 REQUIRED = ("height", "albedo", "roughness")
-SETTINGS = {
-    "relief": "depth from white to black in texture widths",
-    "size": "texels across the texture",
-    "directions": "of views and of lights: 81 as UBO2003 or 151 as UBO2014",
-    "samples": "paths of each texel in each picture",
-    "bounces": "of light; 1 is direct light alone",
-    "specular": "0.5 is 4 %% reflectivity of what is no metal",
-    "scale": "auto: the 99.8th percentile becomes 1 in a zip; none: radiance as it is",
-    "gamma": "of the pictures in a zip",
-    "seed": "of every random choice",
-    "variant": "of Mitsuba",
-    "threads": "0 is one for each core",
-}
-CHOICES = {"directions": tuple(RINGS), "scale": SCALES, "variant": VARIANTS}
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command `spmm synthesize`; returns the exit code."""
-    options = parser().parse_args(arguments)
-    try:
-        settings = SynthesisSettings(**{name: getattr(options, name) for name in SETTINGS})
-        target_of(Path(options.output), settings.gamma)  # before the maps: it costs nothing
-        maps = read_maps(**{role: getattr(options, role) for role in MAPS})
-        output = synthesize_btf(maps, options.output, settings, Progress())
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    print(output)
-    return 0
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: Parser) -> None:
     """The options of `spmm synthesize`."""
-    result = argparse.ArgumentParser(
-        prog="spmm synthesize",
-        description="Path-trace a BTF from ordinary texture maps with Mitsuba 3.",
-    )
     for role, meaning in MAPS.items():
-        result.add_argument(f"--{role}", required=role in REQUIRED, metavar="MAP", help=meaning)
-    for name, meaning in SETTINGS.items():
-        default = getattr(SynthesisSettings, name)
-        known = f"; one of {', '.join(map(str, CHOICES[name]))}" if name in CHOICES else ""
-        result.add_argument(
-            f"--{name}",
-            type=type(default),
-            default=default,
-            metavar=name.upper(),
-            help=f"{meaning}{known} (default {default})",
+        parser.add_argument(
+            f"--{role}", type=file_name, required=role in REQUIRED, metavar="MAP", help=meaning
         )
-    result.add_argument(
-        "-o", "--output", required=True, metavar="OUT", help="X.zip, X.npz, or a folder of EXR"
-    )
-    return result
+    add_settings(parser, SynthesisSettings)
+    add_output(parser, "OUT", "BTF to make: X.zip (8 bits), X.npz, or a folder of EXR pictures")
+
+
+def run(options: argparse.Namespace) -> list[str]:
+    """Traces and writes; the output is whole or not there at all."""
+    from spmm_torch.runtime.progress import Progress
+    from spmm_torch.synthesize import read_maps, synthesize_btf
+    from spmm_torch.synthesize.target import target_of
+
+    settings = read_settings(SynthesisSettings, options)
+    target_of(Path(options.output), settings.gamma)  # before the maps: it costs nothing
+    maps = read_maps(**{role: getattr(options, role) for role in MAPS})
+    return [str(synthesize_btf(maps, options.output, settings, Progress()))]

@@ -1,92 +1,111 @@
-"""The command `spmm view`."""
+"""Look at the lobes of a model: in a window, as a PNG, or as an HTML file."""
 
 from __future__ import annotations
 
 import argparse
-import math
-import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import torch
-from torch import Tensor
+from spmm_torch.errors import ConfigError
 
-from spmm_torch.errors import ConfigError, SPMMError
-from spmm_torch.geometry.directions import direction_from_angles
-from spmm_torch.model.spmm import SPMM
-from spmm_torch.viz.html import save_html
-from spmm_torch.viz.maps import maps_scene
-from spmm_torch.viz.measured import measured_input, measured_samples
-from spmm_torch.viz.mosaic import mosaic_scene
-from spmm_torch.viz.plotter import save_picture, show
-from spmm_torch.viz.requirements import require_packages, require_window, use_offscreen
-from spmm_torch.viz.scene import Scene
-from spmm_torch.viz.texel import texel_index, texel_lobes
-from spmm_torch.viz.texel_scene import texel_scene
+from .parser import Parser, add_against, add_run, file_name
+from .places import texel, view_angles
+
+if TYPE_CHECKING:
+    from spmm_torch.model.spmm import SPMM
+    from spmm_torch.viz.scene import Scene
 
 COMMAND = "spmm view"
 MOSAIC = 8
-VIEW = "45,0"
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """The command `spmm view`; returns the exit code."""
-    options = parser().parse_args(arguments)
-    try:
-        for path in view(options):
-            print(path)
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def parser() -> argparse.ArgumentParser:
+def add_options(parser: Parser) -> None:
     """The options of `spmm view`."""
-    result = argparse.ArgumentParser(
-        prog=COMMAND,
-        description="Look at the lobes of a model: in a window, a PNG or an HTML file.",
+    add = parser.add_argument
+    add_run(parser, "run folder or model file")
+    what = parser.add_mutually_exclusive_group()
+    what.add_argument(
+        "--texel",
+        type=texel,
+        metavar="X,Y",
+        help="lobes of one texel, counted from the top left (default: the middle one)",
     )
-    add = result.add_argument
-    add("run", metavar="RUN", help="run folder or model file")
-    what = result.add_mutually_exclusive_group()
-    what.add_argument("--texel", metavar="X,Y", help="lobes of one texel (default: the middle one)")
     what.add_argument(
         "--mosaic",
         nargs="?",
         type=int,
         const=MOSAIC,
         metavar="N",
-        help=f"lobes of N x N texels over the texture (default {MOSAIC})",
+        help=f"lobes of N x N texels over the texture; 1 to 32 (default: {MOSAIC})",
     )
     what.add_argument("--maps", action="store_true", help="maps of normals, counts and models")
-    add("--view", default=VIEW, metavar="THETA,PHI", help=f"wo in degrees (default {VIEW})")
-    add("--against", metavar="INPUT", help="measured BTF beside it (default: the one of the run)")
-    add("--save", metavar="X.png", help="write a picture; needs no screen")
-    add("--html", metavar="X.html", help="write one offline file that turns in a browser")
-    return result
+    add(
+        "--view",
+        type=view_angles,
+        default="45,0",
+        metavar="THETA,PHI",
+        help="view direction wo in degrees (default: %(default)s)",
+    )
+    add_against(parser)
+    add("--save", type=file_name, metavar="X.png", help="picture to make; needs no screen")
+    add(
+        "--html",
+        type=file_name,
+        metavar="X.html",
+        help="page to make, one offline file that turns in a browser",
+    )
 
 
-def view(options: argparse.Namespace) -> list[Path]:
-    """Shows or writes what the command line asks for; returns the files that were written.
+def run(options: argparse.Namespace) -> list[str]:
+    """Shows or writes what the command line asks for.
 
     Raises:
         SPMMError: bad input, or something is missing on this machine.
     """
     _check(options)
-    model = SPMM.load(options.run)
-    scene = _scene(options, model)
+    from spmm_torch.model.spmm import SPMM
+    from spmm_torch.viz.html import save_html
+    from spmm_torch.viz.plotter import save_picture, show
+
+    scene = scene_of(options, SPMM.load(options.run))
     written = []
     for path, save in ((options.save, save_picture), (options.html, save_html)):
         if path is not None:
             save(scene, path)
-            written.append(Path(path))
+            written.append(path)
     if not written:
         show(scene)
     return written
 
 
+def scene_of(options: argparse.Namespace, model: SPMM) -> Scene:
+    """What is shown of a model."""
+    import torch
+
+    from spmm_torch.geometry.directions import direction_from_angles
+    from spmm_torch.viz.maps import maps_scene
+    from spmm_torch.viz.measured import measured_input, measured_samples
+    from spmm_torch.viz.mosaic import mosaic_scene
+    from spmm_torch.viz.texel import texel_index, texel_lobes
+    from spmm_torch.viz.texel_scene import texel_scene
+
+    if options.maps:
+        return maps_scene(model)
+    wo = direction_from_angles(*torch.tensor(options.view, dtype=torch.float64))
+    if options.mosaic is not None:
+        return mosaic_scene(model, options.mosaic, wo)
+    x, y = options.texel or (model.width // 2, model.height // 2)
+    index = texel_index(model, x, y)
+    btf = measured_input(Path(options.run), options.against)
+    measured = None if btf is None else measured_samples(btf, model, index, wo)
+    name = f"Texel {x}, {y} of {model.name or 'the model'}"
+    return texel_scene(name, texel_lobes(model, index), wo, measured)
+
+
 def _check(options: argparse.Namespace) -> None:
     """Refuses what cannot go on, before any work is done."""
+    from spmm_torch.viz.requirements import require_packages, require_window, use_offscreen
+
     for option, suffix in (("save", ".png"), ("html", ".html")):
         path = getattr(options, option)
         if path is not None and Path(path).suffix.lower() != suffix:
@@ -96,44 +115,3 @@ def _check(options: argparse.Namespace) -> None:
         use_offscreen(COMMAND)
     else:
         require_window(COMMAND)
-
-
-def _scene(options: argparse.Namespace, model: SPMM) -> Scene:
-    if options.maps:
-        return maps_scene(model)
-    wo = parse_view(options.view)
-    if options.mosaic is not None:
-        return mosaic_scene(model, options.mosaic, wo)
-    x, y = parse_texel(options.texel) if options.texel else (model.width // 2, model.height // 2)
-    texel = texel_index(model, x, y)
-    btf = measured_input(Path(options.run), options.against)
-    measured = None if btf is None else measured_samples(btf, model, texel, wo)
-    name = f"Texel {x}, {y} of {model.name or 'the model'}"
-    return texel_scene(name, texel_lobes(model, texel), wo, measured)
-
-
-def parse_texel(text: str) -> tuple[int, int]:
-    """Column and row of `--texel`.
-
-    Raises:
-        ConfigError: not two whole numbers.
-    """
-    words = text.split(",")
-    if len(words) != 2 or not all(word.strip().lstrip("-").isdigit() for word in words):
-        raise ConfigError(f"--texel is {text!r}; expected X,Y such as 12,30.")
-    return int(words[0]), int(words[1])
-
-
-def parse_view(text: str) -> Tensor:
-    """The unit vector `[3]` of `--view`, given in degrees.
-
-    Raises:
-        ConfigError: not two numbers, or not above the horizon.
-    """
-    try:
-        theta, phi = (math.radians(float(word)) for word in text.split(","))
-    except ValueError:
-        raise ConfigError(f"--view is {text!r}; expected THETA,PHI in degrees.") from None
-    if not (0.0 <= theta < 0.5 * math.pi and math.isfinite(phi)):
-        raise ConfigError(f"--view is {text!r}; expected THETA from 0 to below 90 degrees.")
-    return direction_from_angles(*torch.tensor([theta, phi], dtype=torch.float64))

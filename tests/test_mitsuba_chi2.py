@@ -10,7 +10,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch.synthesize.variant import FAST, works
+from spmm_torch.config.synthesis import FAST
+from spmm_torch.synthesize.variant import works
 from tests.chi2 import LEVEL, SIGNIFICANCE, TEST_COUNT
 from tests.lobes.lobe_cases import CASES, Case
 

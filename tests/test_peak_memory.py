@@ -23,7 +23,7 @@ SPARE = 16_000_000
 FIT = f"""
 import sys, torch
 from spmm_torch import FitConfig, load_btf
-from spmm_torch.cli.fit import main
+from spmm_torch.cli.main import main
 from spmm_torch.data import blocks
 from spmm_torch.fit import plan
 from spmm_torch.fit.search import joint
@@ -39,7 +39,7 @@ config = FitConfig.from_yaml(settings).override(["device=cpu"])
 for _ in range(2):  # the first one loads what every process needs
     needed = plan.estimate(load_btf(source), config, torch.device("cpu")).working_bytes
 limit = f"--max-memory={{needed + {SPARE}}}"
-command = [source, "-o", run, "--cache", cache, "--config", settings, "--device=cpu", limit]
+command = ["fit", source, "-o", run, "--cache", cache, "--config", settings, "--device=cpu", limit]
 sys.exit(main(command))
 """
 

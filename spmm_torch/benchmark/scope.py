@@ -11,6 +11,7 @@ import torch
 from ..data import BTF, Selection, load_btf
 from ..runtime.progress import Progress
 from .protocol import Protocol
+from .repeats import FULL_REPEATS, SMALL_REPEATS
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,9 @@ class Scope:
 # A part of the input that is fit before anything counts.
 WARM_UP = Selection(texels=16, directions="0,30,60")
 
-FULL = Scope(Protocol(repeats=3, patience=40.0))
+FULL = Scope(Protocol(repeats=FULL_REPEATS, patience=40.0))
 SMALL = Scope(
-    Protocol(repeats=2, patience=0.5),
+    Protocol(repeats=SMALL_REPEATS, patience=0.5),
     selection=Selection(texels=64, directions="0,30,60"),
     overrides=(
         "cluster.count=4",

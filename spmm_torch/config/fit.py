@@ -21,29 +21,37 @@ from .schema import assign, from_dict, parse_value, plain, read_yaml, setting
 class DataConfig:
     """How the input is read."""
 
-    gamma: float = setting(2.2, "exponent that makes 8-bit codes linear", low=0.01, high=10.0)
+    gamma: float = setting(
+        2.2, "display gamma: exponent that makes 8-bit codes linear", low=0.01, high=10.0
+    )
     cosine: str = setting(
         "auto",
-        "cosine of the light: included in the values, missing, or auto: as a .btf says of itself, "
-        "included in all others",
+        "cosine of the light in the values: included, missing (then it is multiplied in), or auto "
+        "(as a .btf says of itself, included in all other formats)",
         choices=("auto", "included", "missing"),
     )
     negative: str = setting(
         "refuse",
-        "values below zero, such as noise after dark-frame subtraction: refuse, clip to zero, keep",
+        "values below zero, such as noise after dark-frame subtraction: refuse them, clip them to "
+        "zero, or keep them",
         choices=("refuse", "clip", "keep"),
     )
     missing: str = setting(
         "refuse",
-        "pairs of directions without a picture: refuse them, or mask them: they then count nowhere",
+        "direction pairs without a picture: refuse the BTF, or mask them, so that they count "
+        "nowhere",
         choices=("refuse", "mask"),
     )
     crop: tuple[int, ...] | None = setting(
-        None, "rectangle of texels to take, [x0, y0, width, height] from the top left", low=0
+        None, "rectangle of texels to fit: left column, top row, width, height; null: all", low=0
     )
-    texels: int | None = setting(None, "take about so many texels, spread evenly", low=1)
+    texels: int | None = setting(
+        None, "number of texels to fit, about, spread evenly over the texture; null: all", low=1
+    )
     directions: str | None = setting(
-        None, "take every K-th ring, polar angles (0,30,60), or indices (views=0-8;lights=0,4)"
+        None,
+        "directions to fit: every K-th ring (2), polar angles in degrees (0,30,60), or indices "
+        "(views=0-8;lights=0,4); null: all",
     )
 
 
@@ -51,16 +59,21 @@ class DataConfig:
 class WeightsConfig:
     """How much an error counts, by texel and direction pair; as much everywhere by default."""
 
-    scene: str | None = setting(None, "scene (YAML) by whose pictures errors count")
+    scene: str | None = setting(
+        None, "scene (YAML file) whose pictures tell how much each error counts; null: none"
+    )
     file: str | None = setting(
-        None, "NPZ of weights: pair [views, lights], texel [height, width], or one of them"
+        None,
+        "weights of errors (NPZ file): pair [views, lights], texel [height, width], or one of "
+        "them; null: none",
     )
     floor: float = setting(
-        0.05, "share of those weights that is spread evenly over all values", low=0.0, high=1.0
+        0.05, "fraction of these weights that is spread evenly over all values", low=0.0, high=1.0
     )
     error: str = setting(
         "l2",
-        "l2: squared errors (paper); cube-root, log: squared errors of compressed values, about",
+        "error to minimize: l2 (squared, as in the paper), or cube-root and log (about the squared "
+        "error of compressed values)",
         choices=("l2", "cube-root", "log"),
     )
 
@@ -69,16 +82,16 @@ class WeightsConfig:
 class ClusterConfig:
     """k-means over all texels [WDR11 §4.1]."""
 
-    count: int = setting(32, "clusters, k", low=1)
+    count: int = setting(32, "number of clusters, k", low=1)
     components: int = setting(32, "principal components in which texels are compared", low=1)
-    iterations: int = setting(100, "Lloyd iterations at most", low=1)
+    iterations: int = setting(100, "most Lloyd iterations", low=1)
 
 
 @dataclass(frozen=True)
 class SampleConfig:
     """Stratified samples of each cluster [WDR11 §4.1]."""
 
-    per_cluster: int = setting(8, "texels sampled in each cluster, one a sub-cluster", low=1)
+    per_cluster: int = setting(8, "sample texels of a cluster, one from each sub-cluster", low=1)
 
 
 @dataclass(frozen=True)
@@ -87,45 +100,46 @@ class SearchConfig:
 
     method: str = setting(
         "corrective",
-        "stagewise: the paper's; corrective: refits all lobes of a sample after each new one",
+        "search for lobes: stagewise (the paper's), or corrective (refits all lobes of a sample "
+        "after each new one)",
         choices=("stagewise", "corrective"),
     )
     models: tuple[str, ...] = setting(PAPER_MODELS, "BRDFs that lobes may use", choices=MODEL_NAMES)
-    max_lobes: int = setting(4, "lobes a sample at most", low=1, high=64)
+    max_lobes: int = setting(4, "most lobes of a sample", low=1, high=64)
     restarts: int | None = setting(
-        None, "starts a new lobe is tried from; null: as many as fill a batch, 8 at most", low=1
+        None, "starting points of a new lobe; null: as many as fill a batch, 8 at most", low=1
     )
     min_width: float = setting(
         0.25,
-        "narrowest lobe, in units of the angle between measured directions; half of it where the "
-        "samples are exact sums of few lobes",
+        "width of the narrowest lobe, in units of the angle between measured directions; half of "
+        "it where the samples are exact sums of few lobes",
         low=0.0,
         high=4,
     )
     bank_normals: int | None = setting(
-        None, "normals of the bank of candidate lobes; null: 120 for few samples, else 64", low=1
+        None, "normals in the bank of candidate lobes; null: 120 for few samples, else 64", low=1
     )
     min_gain: float = setting(
-        0.005, "share of a sample's remaining error that a new lobe must take away", low=0.0, high=1
+        0.005, "fraction of a sample's remaining error that a new lobe must remove", low=0.0, high=1
     )
-    refine_steps: int = setting(4, "Levenberg-Marquardt steps after a new lobe, at most", low=0)
-    final_steps: int = setting(40, "Levenberg-Marquardt steps after the last lobe, at most", low=0)
+    refine_steps: int = setting(4, "most Levenberg-Marquardt steps after a new lobe", low=0)
+    final_steps: int = setting(40, "most Levenberg-Marquardt steps after the last lobe", low=0)
     tolerance: float = setting(
-        0.003, "share of a sample's error that another step must take away", low=0.0, high=1.0
+        0.003, "fraction of a sample's error that another step must remove", low=0.0, high=1.0
     )
-    exchanges: int = setting(16, "times that lobes of a few samples are searched anew", low=0)
-    pairs: int = setting(512, "direction pairs on which Eq. 5 is climbed (stagewise)", low=16)
-    adam_steps: int = setting(8, "Adam steps of each start of Eq. 5 (stagewise)", low=0)
-    lbfgs_steps: int = setting(16, "L-BFGS evaluations of each start of Eq. 5 (stagewise)", low=0)
+    exchanges: int = setting(16, "times that the lobes of a few samples are searched again", low=0)
+    pairs: int = setting(512, "direction pairs on which Eq. 5 is maximized (stagewise)", low=16)
+    adam_steps: int = setting(8, "Adam steps from each starting point (stagewise)", low=0)
+    lbfgs_steps: int = setting(16, "L-BFGS evaluations from each starting point (stagewise)", low=0)
 
 
 @dataclass(frozen=True)
 class StagewiseConfig:
     """Stagewise Lasso [ZY07], relative to the norm of each signal."""
 
-    eta: float = setting(0.05, "step size", low=1e-4, high=0.5)
-    lambda_min: float = setting(0.05, "regularization at which the path ends", low=0.0)
-    max_steps: int = setting(200, "forward and backward steps at most", low=1)
+    eta: float = setting(0.05, "step size, relative to the norm of a signal", low=1e-4, high=0.5)
+    lambda_min: float = setting(0.05, "regularization lambda at which the path ends", low=0.0)
+    max_steps: int = setting(200, "most forward and backward steps", low=1)
 
 
 @dataclass(frozen=True)
@@ -134,10 +148,11 @@ class DictionaryConfig:
 
     scope: str = setting(
         "shared",
-        "cluster: a texel chooses from its own cluster's lobes (paper); shared: from all",
+        "lobes that a texel chooses from: cluster (those of its own cluster, as in the paper), or "
+        "shared (all)",
         choices=("cluster", "shared"),
     )
-    merge: float = setting(0.999, "correlation above which two lobes are one", low=0.0, high=1.0)
+    merge: float = setting(0.999, "correlation above which two lobes become one", low=0.0, high=1.0)
 
 
 @dataclass(frozen=True)
@@ -146,17 +161,18 @@ class SelectConfig:
 
     method: str = setting(
         "corrective",
-        "stagewise: the paper's; corrective: refits the weights after each new lobe",
+        "selection of lobes: stagewise (the paper's), or corrective (refits the weights after each "
+        "new lobe)",
         choices=("stagewise", "corrective"),
     )
-    max_lobes: int | None = setting(None, "lobes a texel at most; null: no limit", low=1)
+    max_lobes: int | None = setting(None, "most lobes of a texel; null: no limit", low=1)
     min_gain: float = setting(
-        0.005, "share of a texel's remaining error that a lobe must take away", low=0.0, high=1.0
+        0.005, "fraction of a texel's remaining error that a lobe must remove", low=0.0, high=1.0
     )
     pilot: int | None = setting(
         64,
-        "texels of a large cluster, of more than four times as many, that choose from the whole "
-        "dictionary; what lobes they choose is all that the others may; null: all texels",
+        "texels of a large cluster (of more than four times as many) that choose from the whole "
+        "dictionary, while the others choose from the lobes of these; null: all texels",
         low=1,
     )
 
@@ -166,10 +182,14 @@ class ResidualConfig:
     """The residual function of each cluster [WDR11 §4.1]."""
 
     joint: bool = setting(
-        True, "fit weights for the errors without and with residual together; false: paper"
+        True,
+        "whether weights are fit for the errors without and with residual together; false: as in "
+        "the paper",
     )
     alternations: int = setting(3, "times that weights and residual are refit in turn", low=1)
-    precision: str = setting("float16", "storage of the residual", choices=("float16", "float32"))
+    precision: str = setting(
+        "float16", "number format of the stored residual", choices=("float16", "float32")
+    )
 
 
 @dataclass(frozen=True)
@@ -186,10 +206,14 @@ class FitConfig:
     select: SelectConfig = field(default_factory=SelectConfig)
     residual: ResidualConfig = field(default_factory=ResidualConfig)
     auto: bool = setting(
-        False, "leave out models and lobes that do not pay for their bytes on held-out directions"
+        False,
+        "whether models and lobes are left out that do not pay for their bytes on held-out "
+        "directions",
     )
     seed: int = setting(0, "seed of every random choice", low=0)
-    device: str = setting("auto", "auto, cpu, cuda or cuda:N")
+    device: str = setting(
+        "auto", "device to compute on: auto (a GPU if there is one), cpu, cuda or cuda:N"
+    )
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> FitConfig:
@@ -223,12 +247,23 @@ class FitConfig:
         Raises:
             ConfigError: no `=`, unknown key, wrong type or value out of range.
         """
-        values = self.to_dict()
+        config = self
         for assignment in assignments:
             key, separator, text = assignment.partition("=")
             if not separator:
                 raise ConfigError(
                     f"--set {assignment} has no '='; expected KEY=VALUE such as search.restarts=8."
                 )
-            assign(values, key.strip().split("."), parse_value(text, assignment))
+            config = config.changed({key.strip(): parse_value(text, assignment)})
+        return config
+
+    def changed(self, changes: dict[str, Any]) -> FitConfig:
+        """The settings after some of them, such as `search.restarts`, got other plain values.
+
+        Raises:
+            ConfigError: unknown key, wrong type or value out of range.
+        """
+        values = self.to_dict()
+        for key, value in changes.items():
+            assign(values, key.split("."), value)
         return FitConfig.from_dict(values)

@@ -9,7 +9,7 @@ import typing
 from contextlib import suppress
 from dataclasses import MISSING, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -24,7 +24,7 @@ def setting(
     *,
     low: float | None = None,
     high: float | None = None,
-    choices: tuple[str, ...] | None = None,
+    choices: tuple[str, ...] | tuple[int, ...] | None = None,
 ) -> Any:
     """A dataclass field with its meaning, inclusive range and choices."""
     return field(
@@ -106,7 +106,7 @@ def from_dict(cls: type, values: Any, where: str = "") -> Any:
         if is_dataclass(hints[key]):
             given[key] = from_dict(hints[key], value, f"{where}{key}.")
         else:
-            given[key] = _checked(value, hints[key], spec.metadata, f"{where}{key}")
+            given[key] = checked(value, hints[key], spec.metadata, f"{where}{key}")
     for item in fields(cls):
         if item.name not in given and item.default is item.default_factory is MISSING:
             meaning = item.metadata["meaning"]
@@ -120,8 +120,23 @@ def _unknown(cls: type, key: str, where: str) -> str:
     return f"unknown setting {where}{key}; {hint}"
 
 
-def _checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: str) -> Any:
-    """The value in its declared type and range."""
+def check_settings(settings: Any) -> None:
+    """Checks a settings dataclass without sections; for its `__post_init__`.
+
+    Raises:
+        ConfigError: a value of the wrong type or out of its range.
+    """
+    hints = typing.get_type_hints(type(settings))
+    for item in fields(settings):
+        checked(getattr(settings, item.name), hints[item.name], item.metadata, item.name)
+
+
+def checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: str) -> Any:
+    """The value in its declared type and range; `where` is what messages call it.
+
+    Raises:
+        ConfigError: wrong type or value out of range.
+    """
     kinds = typing.get_args(kind) if isinstance(kind, types.UnionType) else (kind,)
     if value is None and type(None) in kinds:
         return None
@@ -131,18 +146,27 @@ def _checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: s
         if not items:
             raise ConfigError(f"{where} is empty; expected at least one value.")
         inner = typing.get_args(kind)[0]
-        return tuple(_checked(item, inner, metadata, where) for item in items)
+        return tuple(checked(item, inner, metadata, where) for item in items)
     value = _typed(value, kind, where)
     choices, low, high = metadata.get("choices"), metadata.get("low"), metadata.get("high")
     if choices and value not in choices:
-        near = difflib.get_close_matches(str(value), choices, n=1)
+        near = difflib.get_close_matches(str(value), map(str, choices), n=1)
         hint = f"; did you mean {near[0]}?" if near else "."
-        raise ConfigError(f"{where} is {value!r}; expected one of {', '.join(choices)}{hint}")
+        raise ConfigError(f"{where} is {value!r}; expected {allowed(metadata)}{hint}")
     below, above = low is not None and value < low, high is not None and value > high
     if below or above or (isinstance(value, float) and not math.isfinite(value)):
-        span = f"at least {low}" if high is None else f"{low} to {high}"
-        raise ConfigError(f"{where} is {value}; expected {span}.")
+        raise ConfigError(f"{where} is {value}; expected {allowed(metadata) or 'a finite number'}.")
     return value
+
+
+def allowed(metadata: typing.Mapping[str, Any]) -> str:
+    """The choices or the range of a setting in words; empty where anything of its type will do."""
+    choices, low, high = metadata.get("choices"), metadata.get("low"), metadata.get("high")
+    if choices:
+        return f"one of {', '.join(map(str, choices))}"
+    if low is None:
+        return "" if high is None else f"at most {high}"
+    return f"at least {low}" if high is None else f"{low} to {high}"
 
 
 def _typed(value: Any, kind: type, where: str) -> Any:
@@ -166,14 +190,30 @@ def plain(value: Any) -> Any:
     return value
 
 
-def describe(cls: type, prefix: str = "") -> list[tuple[str, Any, str]]:
-    """(key, default, meaning) of every setting, for the help text."""
-    rows: list[tuple[str, Any, str]] = []
+class Description(NamedTuple):
+    """A setting as a help text shows it.
+
+    Attributes:
+        key: with the sections that it lies in, such as `search.restarts`.
+        default: `REQUIRED` where there is none.
+        meaning: in words.
+        allowed: its choices or range in words; empty where anything of its type will do.
+    """
+
+    key: str
+    default: Any
+    meaning: str
+    allowed: str
+
+
+def describe(cls: type, prefix: str = "") -> list[Description]:
+    """Every setting of a settings dataclass, those of its sections included."""
+    rows: list[Description] = []
     hints = typing.get_type_hints(cls)
     for item in fields(cls):
         if is_dataclass(hints[item.name]):
             rows += describe(hints[item.name], f"{prefix}{item.name}.")
         else:
-            default = None if item.default is MISSING else item.default
-            rows.append((prefix + item.name, default, item.metadata["meaning"]))
+            key, data = f"{prefix}{item.name}", item.metadata
+            rows.append(Description(key, item.default, data["meaning"], allowed(data)))
     return rows

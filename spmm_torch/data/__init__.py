@@ -68,7 +68,7 @@ def load_btf(
     return btf if selection is None else select_part(btf, selection, seed)
 
 
-def load_input(path: Path | str, settings: DataConfig, seed: int) -> BTF:
+def load_input(path: Path | str, settings: DataConfig, seed: int = 0) -> BTF:
     """The part of a BTF that the settings of a fit name, read as they say.
 
     Raises:

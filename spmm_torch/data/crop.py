@@ -1,23 +1,19 @@
 """Cut a rectangle out of a UBO2003 BTF without decoding loss worth the name.
 
 The bundled sample was made by
-`python -m spmm_torch.data.crop WEAVE64.zip WEAVE40.zip --x 0 --y 0 --width 40 --height 40`.
+`spmm crop WEAVE64.zip WEAVE40.zip --x 0 --y 0 --width 40 --height 40`.
 """
 
 from __future__ import annotations
 
-import argparse
 import io
-import os
-import sys
 import zipfile
-from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from PIL import Image, JpegImagePlugin
 
-from ..errors import DataError, SPMMError
+from ..errors import DataError
+from ..runtime.atomic import new_file, zip_member
 from .codecs import DECODE_ERRORS
 from .picture_set import list_pictures
 from .pictures import open_archive, unreadable
@@ -26,8 +22,6 @@ from .pictures import open_archive, unreadable
 BLOCK = 8
 SUBSAMPLED_BLOCK = 16
 FULL_COLOUR = 0  # Pillow's number for 4:4:4
-# Zips of the same crop are the same bytes.
-TIMESTAMP = (1980, 1, 1, 0, 0, 0)
 
 Box = tuple[int, int, int, int]  # left, top, right, bottom
 
@@ -42,25 +36,24 @@ def crop_ubo2003(
 
     Raises:
         DataError: no pictures, not JPEG, or a rectangle outside them or across JPEG blocks.
+        OutputError: the zip cannot be written.
     """
     path, target = Path(source), Path(destination)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     names = list_pictures(path)
     if not names:
         raise DataError(f"{path} holds no UBO2003 pictures; nothing to crop.")
     box = (x0, y0, x0 + width, y0 + height)
-    try:
-        with open_archive(path) as archive, zipfile.ZipFile(temporary, "w") as output:
-            for name in names:
-                try:
-                    picture = crop_jpeg(archive.read([name])[0], box, name)
-                except DECODE_ERRORS as error:
-                    raise unreadable(path, name, error) from error
-                output.writestr(zipfile.ZipInfo(_renamed(name, target.stem), TIMESTAMP), picture)
-        os.replace(temporary, target)
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with (
+        open_archive(path) as archive,
+        new_file(target) as temporary,
+        zipfile.ZipFile(temporary, "w") as output,
+    ):
+        for name in names:
+            try:
+                picture = crop_jpeg(archive.read([name])[0], box, name)
+            except DECODE_ERRORS as error:
+                raise unreadable(path, name, error) from error
+            output.writestr(zip_member(_renamed(name, target.stem)), picture)
 
 
 def crop_jpeg(payload: bytes, box: Box, name: str) -> bytes:
@@ -92,23 +85,3 @@ def _renamed(name: str, root: str) -> str:
     """The member's name under a new top folder."""
     parts = PurePosixPath(name).parts
     return str(PurePosixPath(root, *(parts[1:] if len(parts) > 1 else parts)))
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Command line of `crop_ubo2003`."""
-    parser = argparse.ArgumentParser(prog="python -m spmm_torch.data.crop", description=__doc__)
-    parser.add_argument("source", help="UBO2003 zip or folder of JPEGs")
-    parser.add_argument("destination", help="zip to write")
-    for option in ("--x", "--y", "--width", "--height"):
-        parser.add_argument(option, type=int, required=True, help="texels, along JPEG blocks")
-    given = parser.parse_args(arguments)
-    try:
-        crop_ubo2003(given.source, given.x, given.y, given.width, given.height, given.destination)
-    except SPMMError as error:
-        print(error, file=sys.stderr)
-        return 2
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

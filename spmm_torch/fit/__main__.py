@@ -1,8 +1,15 @@
 """`python -m spmm_torch.fit`, the same as `spmm fit`."""
 
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 
-from spmm_torch.cli.fit import main
+import spmm_torch
 
 if __name__ == "__main__":
-    sys.exit(main())
+    if find_spec("spmm_torch.cli") is None:
+        # A checkout that is not installed: cli/, configs/ and viz/ lie beside the package.
+        spmm_torch.__path__.append(str(Path(spmm_torch.__file__).parents[1]))
+    from spmm_torch.cli.main import main
+
+    sys.exit(main(["fit", *sys.argv[1:]]))

@@ -7,13 +7,14 @@ A material is an `SPMM`, a `BTFMaterial` (the BTF itself between what was measur
 else that maps (uv, wi, wo) to cosine-weighted RGB; one with `sample` and `pdf` is sampled by them.
 """
 
+from ..config.render import RenderSettings
 from .btf_material import BTFMaterial
 from .camera import Camera, turn
 from .display import auto_exposure, display_codes, encode_display, write_exr, write_gif, write_png
 from .environment import EnvironmentLight
 from .lights import DirectionalLight, PointLight
 from .material import CosineSampled, Material, SampledMaterial
-from .renderer import Light, Rendering, RenderSettings, Scene, render
+from .renderer import Light, Rendering, Scene, render
 from .shapes import Plane, Sphere, Texture
 
 __all__ = [

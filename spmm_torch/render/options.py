@@ -7,6 +7,7 @@ from pathlib import Path
 
 import torch
 
+from ..config.render import CAMERA_FORMS, LIGHT_FORMS
 from ..errors import ConfigError
 from ..geometry.directions import direction_from_angles
 from .camera import Camera
@@ -14,8 +15,6 @@ from .environment import EnvironmentLight
 from .lights import WHITE, DirectionalLight, PointLight
 from .renderer import Light
 
-LIGHT_FORMS = "studio, directional:THETA,PHI[,R,G,B], point:X,Y,Z[,R,G,B], or a file (.exr, .hdr)"
-CAMERA_FORMS = "orthographic[:THETA,PHI] or perspective[:THETA,PHI[,DISTANCE[,FIELD_OF_VIEW]]]"
 MAP_SUFFIXES = (".exr", ".hdr", ".pic", ".rgbe")
 # Numbers that each kind may have after its colon.
 LIGHT_COUNTS = {"directional": (2, 5), "point": (3, 6)}

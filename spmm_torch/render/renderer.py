@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..config.render import RenderSettings
 from ..errors import ConfigError
 from ..runtime.memory import slices
 from .camera import Camera
@@ -23,37 +24,7 @@ Light = DirectionalLight | PointLight | EnvironmentLight
 BLOCK_RAYS = 1 << 20
 # Hits are visited tile by tile of the texture, so that neighbours share what they read.
 TILES = 64
-# A picture of 4096 pixels each way takes some 500 MB.
-MAX_COUNT = 1 << 12
-
-
-@dataclass(frozen=True)
-class RenderSettings:
-    """How fine a picture is.
-
-    Args:
-        size: pixels along each side.
-        samples: eye rays of a pixel.
-        light_samples: directions that each eye ray draws from each environment light, and as many
-            from the material.
-        seed: of every random choice.
-
-    Raises:
-        ConfigError: a value out of its range.
-    """
-
-    size: int = 256
-    samples: int = 4
-    light_samples: int = 4
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("size", "samples", "light_samples"):
-            value = getattr(self, name)
-            if not 1 <= value <= MAX_COUNT:
-                raise ConfigError(
-                    f"{name.replace('_', ' ')} is {value}; expected a number from 1 to {MAX_COUNT}."
-                )
+DEFAULT_SETTINGS = RenderSettings()
 
 
 @dataclass(frozen=True)
@@ -97,7 +68,7 @@ class Rendering:
 def render(
     material: Material,
     scene: Scene,
-    settings: RenderSettings = RenderSettings(),
+    settings: RenderSettings = DEFAULT_SETTINGS,
     device: torch.device | str = "cpu",
     dtype: torch.dtype = torch.float32,
     progress: Callable[[int], object] | None = None,

@@ -116,4 +116,5 @@ class Plane:
 
 
 Shape = Sphere | Plane
+# By the names in `config.render.SHAPE_NAMES`.
 SHAPES: dict[str, Callable[[Texture], Shape]] = {"sphere": Sphere, "plane": Plane}

@@ -26,8 +26,8 @@ that without. Time grows with texels, samples and pictures. Beside the output, t
 4 bytes a value of disk while it runs.
 """
 
+from ..config.synthesis import SynthesisSettings
 from .maps import TextureMaps, read_maps
 from .pipeline import synthesize_btf
-from .settings import SynthesisSettings
 
 __all__ = ["SynthesisSettings", "TextureMaps", "read_maps", "synthesize_btf"]

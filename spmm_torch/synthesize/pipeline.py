@@ -8,14 +8,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..config.synthesis import SynthesisSettings
 from ..data import BTF
 from ..data.codes import FloatExpansion, MemoryCodes
 from ..data.percentile import percentile
 from ..data.store import CodeStore, check_not_black
 from ..errors import ConfigError
+from ..geometry.directions import UBO2003_RINGS, UBO2014_RINGS, ring_directions
 from ..runtime.progress import Progress, Stage
 from .maps import TextureMaps
-from .settings import SynthesisSettings
 from .target import FLOAT_BYTES, hidden_folder, target_of
 from .tracer import PathTracer, picture_size
 from .variant import load_mitsuba
@@ -24,6 +25,8 @@ from .variant import load_mitsuba
 KEPT_FRACTION = 0.998
 HALF_BYTES = 2
 PICTURES_FILE = "pictures.f32"
+# The direction sets of UBO2003 and UBO2014 by their number of directions.
+RINGS = {81: UBO2003_RINGS, 151: UBO2014_RINGS}
 
 
 def synthesize_btf(
@@ -46,7 +49,7 @@ def synthesize_btf(
     progress = progress or Progress(enabled=False)
     path = Path(output)
     target = target_of(path, settings.gamma)
-    directions = settings.direction_set()
+    directions = ring_directions(RINGS[settings.directions])
     if maps.normal_is_upside_down():
         progress.say(
             "The normal map contradicts the height map from top to bottom: it seems to be in "

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from ..config.synthesis import SynthesisSettings
 from .maps import TextureMaps
 from .relief import ReliefMesh, build_relief, needed_margin
-from .settings import SynthesisSettings
 
 # Samples of the maps, and vertices of the relief, across one texel: what lies below is averaged.
 DETAIL = 4

@@ -8,11 +8,10 @@ from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
+from ..config.synthesis import FAST, PLAIN, VARIANTS
 from ..errors import ConfigError
 from ..runtime.progress import Progress
 
-FAST, PLAIN = "llvm_ad_rgb", "scalar_rgb"
-VARIANTS = ("auto", FAST, PLAIN, "cuda_ad_rgb")
 # An LLVM that is too old for the processor aborts while it compiles a kernel such as this one.
 PROBE = """
 import sys

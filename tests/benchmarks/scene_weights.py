@@ -18,13 +18,14 @@ import numpy as np
 import torch
 
 from spmm_torch import BTF, SPMM, FitConfig, load_btf
+from spmm_torch.config.render import SceneConfig
 from spmm_torch.data import Selection
 from spmm_torch.data.error_weights import Weights
 from spmm_torch.fit import fit
 from spmm_torch.fit.weighting import scene_weights
 from spmm_torch.render import BTFMaterial, CosineSampled, Material, Rendering, auto_exposure, render
 from spmm_torch.render.display import encode_display
-from spmm_torch.render.scene_file import SceneConfig
+from spmm_torch.render.scene_file import scene_of
 from tests.benchmarks.material_errors import shared_data
 
 MATERIALS = ("WEAVE64", "TILES64")
@@ -68,7 +69,7 @@ class Point:
 def picture(material: Material, scene: SceneConfig, aspect: float) -> Rendering:
     """The same directions of light for every material: noise of sampling cancels."""
     settings = replace(scene, size=PICTURE_SIZE).settings
-    return render(CosineSampled(material), scene.scene(aspect), settings)
+    return render(CosineSampled(material), scene_of(scene, aspect), settings)
 
 
 def psnr(reference: Rendering, other: Rendering) -> float:
@@ -100,7 +101,7 @@ class Sample:
     def weights(self, scene: str, floor: float) -> Weights:
         """By what the scene shows."""
         config, aspect = SCENES[scene], self.btf.width / self.btf.height
-        own = scene_weights(self.btf, config.scene(aspect), config.settings, scene)
+        own = scene_weights(self.btf, scene_of(config, aspect), config.settings, scene)
         return own.floored(floor)
 
     def points(self, clusters: list[int], weights: Weights | None) -> list[Point]:

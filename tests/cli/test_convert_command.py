@@ -6,6 +6,7 @@ import io
 import zipfile
 import zlib
 from collections.abc import Iterator
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ import pytest
 import torch
 from PIL import Image
 
-from spmm_torch.cli import convert
-from spmm_torch.cli.convert import format_of, main
+from spmm_torch.cli.convert import FORMATS, SCALARS, WriteSettings, format_of
+from spmm_torch.cli.main import main
 from spmm_torch.data import BTF, load_btf
 from spmm_torch.data.codecs import openexr
-from spmm_torch.data.writers import write_npz
+from spmm_torch.data.ubo2014.write import DEFAULT_COMPONENTS, write_ubo2014
+from spmm_torch.data.writers import write_npz, write_ubo2003
+from spmm_torch.data.writers.ubo2003 import QUALITY
 from spmm_torch.errors import ConfigError
 from spmm_torch.geometry.directions import ring_directions
 
@@ -60,13 +63,13 @@ def relative_error(found: torch.Tensor, expected: torch.Tensor) -> float:
 def test_zip_to_npz_and_back(
     tmp_path: Path, pictures: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([str(pictures), "-o", str(tmp_path / "a.npz")]) == 0
+    assert main(["convert", str(pictures), "-o", str(tmp_path / "a.npz")]) == 0
     shown = capsys.readouterr()
     assert shown.out == f"{tmp_path / 'a.npz'}\n"
     assert "load: 2 views" in shown.err and "write: done in" in shown.err
     source = load_btf(pictures)
     assert torch.equal(load_btf(tmp_path / "a.npz").texels(), source.texels())
-    assert main([str(tmp_path / "a.npz"), "-o", str(tmp_path / "b.zip"), "--png"]) == 0
+    assert main(["convert", str(tmp_path / "a.npz"), "-o", str(tmp_path / "b.zip"), "--png"]) == 0
     found = load_btf(tmp_path / "b.zip")
     assert torch.equal(found.texels(), source.texels())
     torch.testing.assert_close(found.light, source.light, atol=1e-6, rtol=0)
@@ -76,7 +79,7 @@ def test_jpegs_of_a_quality(tmp_path: Path, pictures: Path) -> None:
     size = {}
     for quality in (30, 95):
         path = tmp_path / f"q{quality}.zip"
-        assert main([str(pictures), "-o", str(path), f"--quality={quality}"]) == 0
+        assert main(["convert", str(pictures), "-o", str(path), f"--quality={quality}"]) == 0
         size[quality] = path.stat().st_size
         with zipfile.ZipFile(path) as archive:
             assert all(name.endswith(".jpg") for name in archive.namelist())
@@ -84,14 +87,29 @@ def test_jpegs_of_a_quality(tmp_path: Path, pictures: Path) -> None:
 
 
 def test_gamma_is_of_both_ends(tmp_path: Path, pictures: Path) -> None:
-    assert main([str(pictures), "-o", str(tmp_path / "a.zip"), "--png", "--gamma=1.8"]) == 0
+    written = tmp_path / "a.zip"
+    assert main(["convert", str(pictures), "-o", str(written), "--png", "--gamma=1.8"]) == 0
     for gamma in (1.8, 2.2):  # the codes are the same, whatever they mean
-        found, expected = (load_btf(p, gamma=gamma) for p in (tmp_path / "a.zip", pictures))
+        found, expected = (load_btf(p, gamma=gamma) for p in (written, pictures))
         assert torch.equal(found.texels(), expected.texels())
 
 
+def test_a_missing_cosine_is_multiplied_in(tmp_path: Path, hdr: BTF) -> None:
+    source, written = tmp_path / "hdr.npz", tmp_path / "a.npz"
+    assert main(["convert", str(source), "-o", str(written), "--cosine", "missing"]) == 0
+    cosine = DIRECTIONS[:, 2].repeat(len(DIRECTIONS))[:, None]  # [D, 1], lights fastest
+    torch.testing.assert_close(load_btf(written).texels(), hdr.texels() * cosine)
+
+
+def test_defaults_are_those_of_the_writers() -> None:
+    settings = WriteSettings()
+    assert (settings.quality, settings.components) == (QUALITY, DEFAULT_COMPONENTS)
+    assert SCALARS[settings.scalar] == signature(write_ubo2014).parameters["scalar"].default
+    assert not settings.png and signature(write_ubo2003).parameters["format"].default == "jpeg"
+
+
 def test_exr_folder(tmp_path: Path, pictures: Path, hdr: BTF) -> None:
-    assert main([str(tmp_path / "hdr.npz"), "-o", f"{tmp_path / 'a'}/"]) == 0
+    assert main(["convert", str(tmp_path / "hdr.npz"), "-o", f"{tmp_path / 'a'}/"]) == 0
     found = load_btf(tmp_path / "a")
     assert (found.bytes_per_value, found.is_hdr) == (4, True)
     # The reader sorts directions by their angles.
@@ -99,7 +117,7 @@ def test_exr_folder(tmp_path: Path, pictures: Path, hdr: BTF) -> None:
     for v, row in enumerate(view.tolist()):
         for l, column in enumerate(light.tolist()):  # noqa: E741
             assert torch.equal(found.picture(v, l), hdr.picture(row, column))
-    assert main([str(pictures), "-o", str(tmp_path / "b.d"), "--format=exr"]) == 0
+    assert main(["convert", str(pictures), "-o", str(tmp_path / "b.d"), "--format=exr"]) == 0
     (file, *_) = sorted((tmp_path / "b.d").rglob("*tl015 pl120 tv030 pv000.exr"))
     picture = openexr.decode(file.read_bytes())
     assert picture.dtype == np.float16
@@ -110,7 +128,7 @@ def test_exr_folder(tmp_path: Path, pictures: Path, hdr: BTF) -> None:
 @pytest.mark.parametrize(("scalar", "bound"), [("half", 3e-3), ("float", 1e-5), ("double", 1e-5)])
 def test_btf(tmp_path: Path, pictures: Path, scalar: str, bound: float) -> None:
     path = tmp_path / "a.btf"
-    assert main([str(pictures), "-o", str(path), f"--scalar={scalar}"]) == 0
+    assert main(["convert", str(pictures), "-o", str(path), f"--scalar={scalar}"]) == 0
     found, source = load_btf(path), load_btf(pictures)
     torch.testing.assert_close(found.view, source.view, atol=1e-6, rtol=0)
     assert relative_error(found.texels(), source.texels()) < bound
@@ -120,16 +138,16 @@ def test_components(tmp_path: Path, pictures: Path) -> None:
     error = []
     for components in (1, 3):
         path = tmp_path / f"{components}.btf"
-        assert main([str(pictures), "-o", str(path), f"--components={components}"]) == 0
+        assert main(["convert", str(pictures), "-o", str(path), f"--components={components}"]) == 0
         error.append(relative_error(load_btf(path).texels(), load_btf(pictures).texels()))
     assert error[0] > error[1] > 0.01
 
 
 def test_btf_to_everything(tmp_path: Path, pictures: Path) -> None:
-    assert main([str(pictures), "-o", str(tmp_path / "a.btf")]) == 0
+    assert main(["convert", str(pictures), "-o", str(tmp_path / "a.btf")]) == 0
     source = load_btf(tmp_path / "a.btf")
     for name in ("b.npz", "b", "b.btf"):
-        assert main([str(tmp_path / "a.btf"), "-o", str(tmp_path / name)]) == 0
+        assert main(["convert", str(tmp_path / "a.btf"), "-o", str(tmp_path / name)]) == 0
         assert relative_error(load_btf(tmp_path / name).texels(), source.texels()) < 1e-3
 
 
@@ -158,7 +176,7 @@ def test_refusals(
     cases = list(refusals(tmp_path))
     before = sorted(tmp_path.rglob("*"))
     for arguments, message in cases:
-        assert main(arguments) == 2
+        assert main(["convert", *arguments]) == 2
         shown = capsys.readouterr()
         lines = shown.err.rstrip("\n").split("\n")
         assert lines[-1].startswith("error: ") and message in lines[-1]
@@ -178,7 +196,7 @@ def test_a_broken_picture_leaves_nothing(
             archive.writestr(name, content[:-30] if name == broken else content)
     before = sorted(tmp_path.iterdir())
     for name in ("a.npz", "a.zip", "a", "a.btf"):
-        assert main([str(tmp_path / "broken.zip"), "-o", str(tmp_path / name)]) == 2
+        assert main(["convert", str(tmp_path / "broken.zip"), "-o", str(tmp_path / name)]) == 2
         assert broken in capsys.readouterr().err
         assert sorted(tmp_path.iterdir()) == before
 
@@ -194,6 +212,6 @@ def test_formats_of_names() -> None:
         "carpet.v2/": "exr",
     }
     assert {name: format_of(name) for name in names} == names
-    assert set(names.values()) == set(convert.WRITERS)
+    assert set(names.values()) == set(FORMATS)
     with pytest.raises(ConfigError, match="--format"):
         format_of("carpet.v2")

@@ -1,5 +1,6 @@
 """`spmm edit --interactive` refuses bad input in one sentence, before a page is served."""
 
+# ruff: noqa: F811 (fixtures are arguments of the same name)
 from __future__ import annotations
 
 from pathlib import Path
@@ -8,12 +9,13 @@ import pytest
 
 from spmm_torch.cli import editor as command
 from spmm_torch.cli.main import main
+from tests.viz.conftest import model, run  # noqa: F401
 
 
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        (["--size", "5"], "--size is 5; expected 64 to 1024 pixels"),
+        (["--size", "5"], "--size is 5; expected 64 to 1024."),
         (["--host", "no.such.host.invalid"], "--host no.such.host.invalid cannot be used"),
         (["--device", "abacus"], "abacus"),
     ],

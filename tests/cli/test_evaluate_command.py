@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from spmm_torch import SPMM, load_btf
-from spmm_torch.cli.evaluate import main
+from spmm_torch.cli.main import main
 from spmm_torch.data import Selection
 from spmm_torch.metrics import snr_db
 from tests.evaluate.conftest import run, small_pictures, source  # noqa: F401
@@ -28,7 +28,7 @@ def evaluation(folder: Path) -> dict[str, Any]:
 
 def evaluated(run: Path, out: Path, *options: str) -> dict[str, Any]:
     """The figures of a run, which agree with those of its fit."""
-    assert main([str(run), "-o", str(out), "--device", "cpu", *options]) == 0
+    assert main(["evaluate", str(run), "-o", str(out), "--device", "cpu", *options]) == 0
     assert sorted(path.name for path in out.iterdir()) == FILES
     found = evaluation(out)
     report = json.loads((run / "report.json").read_text(encoding="utf-8"))
@@ -85,7 +85,7 @@ def test_it_writes_into_the_run_and_again(run: Path, tmp_path: Path) -> None:
     shutil.copytree(run, copy)
     before = {path.name for path in copy.iterdir()}
     for _ in range(2):
-        assert main([str(copy), "--device", "cpu"]) == 0
+        assert main(["evaluate", str(copy), "--device", "cpu"]) == 0
         assert {path.name for path in copy.iterdir()} == before | set(FILES)
     assert evaluation(copy)["run"] == str(copy)
 
@@ -140,7 +140,7 @@ def test_another_input_is_told(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = save(planted_btf(seed=8), tmp_path / "other.npz")
-    assert main([str(run), "-o", str(tmp_path / "out"), "--against", str(other)]) == 0
+    assert main(["evaluate", str(run), "-o", str(tmp_path / "out"), "--against", str(other)]) == 0
     assert "warning: these differ from report.json" in capsys.readouterr().err
     assert evaluation(tmp_path / "out")["report_difference_db"] > 0.01
 
@@ -178,7 +178,7 @@ def test_bad_input(
     places["BARE"].mkdir()
     shutil.copy(run / "model.safetensors", places["BARE"])
     before = sorted(run.iterdir())
-    assert main([str(places.get(word, word)) for word in words]) == 2
+    assert main(["evaluate", *(str(places.get(word, word)) for word in words)]) == 2
     shown = capsys.readouterr()
     assert shown.out == ""
     complaints = [line for line in shown.err.splitlines() if line.startswith("error: ")]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spmm_torch.cli.figures import main
+from spmm_torch.cli.main import main
 from spmm_torch.figures import FIGURES, sampling
 from tests.evaluate.runs import make_run, planted_btf, save
 from tests.report.test_page import Page
@@ -32,7 +32,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_all_figures(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
-    assert main([str(run), "-o", str(out), *SMALL]) == 0
+    assert main(["figures", str(run), "-o", str(out), *SMALL]) == 0
     assert capsys.readouterr().out == f"{out / 'figures.html'}\n"
     pictures = [f"{name}.png" for name in FIGURES]
     assert sorted(path.name for path in out.iterdir()) == sorted(
@@ -59,7 +59,7 @@ def test_some_figures_need_no_input(run: Path, tmp_path: Path) -> None:
     report.unlink()
     try:
         words = ["--only", "figure10", "--texel", "1,2", "--view", "30,90"]
-        assert main([str(run), "-o", str(tmp_path / "out"), *words, *SMALL]) == 0
+        assert main(["figures", str(run), "-o", str(tmp_path / "out"), *words, *SMALL]) == 0
     finally:
         report.write_text(text, encoding="utf-8")
     values = json.loads((tmp_path / "out" / "figures.json").read_text(encoding="utf-8"))
@@ -69,7 +69,7 @@ def test_some_figures_need_no_input(run: Path, tmp_path: Path) -> None:
 
 def test_a_single_texel(tmp_path: Path) -> None:
     run = make_run(save(planted_btf(1), tmp_path / "one.npz"), tmp_path / "run")
-    assert main([str(run), "-o", str(tmp_path / "out"), *SMALL]) == 0
+    assert main(["figures", str(run), "-o", str(tmp_path / "out"), *SMALL]) == 0
 
 
 @pytest.mark.parametrize(
@@ -77,9 +77,9 @@ def test_a_single_texel(tmp_path: Path) -> None:
     [
         (["--only", "figure11"], "--only names 'figure11'; expected some of figure3"),
         (["--texel", "4,0"], "texel 4,0 lies outside"),
-        (["--texel", "a"], "--texel is 'a'; expected two numbers"),
-        (["--view", "45"], "--view is '45'"),
-        (["--view", "95,0"], "polar angle is 95 degrees"),
+        (["--texel", "a"], "--texel: 'a' is no texel; expected X,Y"),
+        (["--view", "45"], "--view: '45' is no view; expected THETA,PHI"),
+        (["--view", "95,0"], "--view: '95,0' is no view; expected THETA from 0 to below 90"),
         (["--size", "0"], "size is 0"),
         (["--against", "none.zip"], "none.zip does not exist"),
         (["-o", "RUN"], "exists; expected a new name"),
@@ -93,7 +93,7 @@ def test_bad_input(
     complaint: str,
 ) -> None:
     words = [str(run) if word == "RUN" else word for word in words]
-    assert main([str(run), "-o", str(tmp_path / "out"), *SMALL, *words]) == 2
+    assert main(["figures", str(run), "-o", str(tmp_path / "out"), *SMALL, *words]) == 2
     shown = capsys.readouterr()
     assert shown.out == ""
     assert complaint in [line for line in shown.err.splitlines() if "error: " in line][0]
@@ -101,5 +101,5 @@ def test_bad_input(
 
 
 def test_a_run_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 2
+    assert main(["figures", str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 2
     assert "does not exist" in capsys.readouterr().err

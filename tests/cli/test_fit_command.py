@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from spmm_torch import BTF, SPMM, FitConfig, load_btf
-from spmm_torch.cli.fit import main
+from spmm_torch.cli.fit import config_of
+from spmm_torch.cli.main import main, parser
 from spmm_torch.data import sample_path
 from spmm_torch.data.crop import crop_ubo2003
 from spmm_torch.report import check_report
@@ -86,6 +87,16 @@ def test_run_folder_is_complete(finished: tuple[Path, Any]) -> None:
 def test_settings_are_kept(run: Path) -> None:
     expected = FitConfig.from_yaml(SMOKE).override(["device=cpu"])
     assert FitConfig.from_yaml(run / "config.yaml") == expected
+
+
+def test_later_words_win() -> None:
+    """First --config, then --set, then the options of single settings."""
+    words = ["fit", "x.zip", "-o", "run", "--config", str(SMOKE), "--set", "cluster.count=5"]
+    words += ["--seed", "4", "--set", "seed=3", "--crop", "1,2,3,4", "--directions", "2", "--auto"]
+    config = config_of(parser().parse_args(words))
+    assert (config.cluster.count, config.seed, config.auto) == (5, 4, True)
+    assert (config.data.crop, config.data.directions) == ((1, 2, 3, 4), "2")
+    assert config.select == FitConfig.from_yaml(SMOKE).select
 
 
 def test_report(run: Path, report: dict[str, Any], sample: Path, btf: BTF, model: SPMM) -> None:
@@ -166,7 +177,7 @@ def test_same_seed_same_bytes(
     packed = []
     for name, seed in (("a", 0), ("b", 0), ("c", 1)):
         options = ["--config", str(SMOKE), "--device", "cpu", "--seed", str(seed), "--no-render"]
-        assert main([str(sample), "-o", str(tmp_path / name), *options]) == 0
+        assert main(["fit", str(sample), "-o", str(tmp_path / name), *options]) == 0
         packed.append((tmp_path / name / "model.safetensors").read_bytes())
     assert packed[0] == packed[1]
     assert packed[0] != packed[2]

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spmm_torch.cli.fit import main
+from spmm_torch.cli.main import main
 from spmm_torch.geometry.directions import ring_directions
 
 CHECKOUT = Path(__file__).parents[2]
@@ -106,6 +106,8 @@ SETTINGS: dict[str, tuple[list[str], str]] = {
     "device too far": (["--device", "cuda:99"], "use --device cpu"),
     "other device": (["--device", "meta"], "expected auto, cpu, cuda or cuda:N"),
     "no scene": (["--scene", "no.yaml"], "no.yaml cannot be read"),
+    "apostrophe": (["--scene", "it's.yaml"], "it's.yaml cannot be read"),
+    "no rectangle": (["--crop", "1,2,3"], "'1,2,3' is no rectangle; expected X,Y,WIDTH,HEIGHT"),
     "no weights": (["--weights", "no.npz"], "weights no.npz cannot be read"),
     "bad floor": (["--set", "weights.floor=2"], "weights.floor is 2.0; expected 0.0 to 1.0"),
     "bad error": (["--set", "weights.error=l1"], "expected one of l2, cube-root, log"),
@@ -119,7 +121,7 @@ def check_refused(
 ) -> None:
     """Exit code 2, one sentence in the last line of stderr, and an untouched `out`."""
     before = sorted(out.rglob("*"))
-    assert main(arguments) == 2
+    assert main(["fit", *arguments]) == 2
     shown = capsys.readouterr()
     *lines, last = shown.err.rstrip("\n").split("\n")
     assert last.startswith("error: ")
@@ -229,7 +231,8 @@ def test_more_clusters_than_texels(
     tmp_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = [str(saved()(tmp_path)), "-o", str(out / "run"), "--config", str(SMOKE)]
-    assert main([*arguments, "--device", "cpu", "--no-render", "--set", "cluster.count=50"]) == 0
+    arguments += ["--device", "cpu", "--no-render", "--set", "cluster.count=50"]
+    assert main(["fit", *arguments]) == 0
     warning = "warning: cluster.count lowered from 50 to 6, there are only 6 texels"
     assert warning in capsys.readouterr().err.splitlines()
     assert warning in (out / "run" / "log.txt").read_text(encoding="utf-8").splitlines()

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from safetensors.torch import load_file
 
-from spmm_torch.cli.evaluate import main as evaluate
-from spmm_torch.cli.fit import main
+from spmm_torch.cli.main import main
 from tests.cli.test_resume import DIRECTIONS, OPTIONS, SIDE, rough, stopped
 from tests.data.test_picture_set import make_files, write_zip
 
@@ -32,10 +31,10 @@ def test_other_weights_are_another_run(
     stopped(source, run, 3, "--weights", str(weights))
     arguments = [str(source), "-o", str(run), *OPTIONS, "--weights", str(weights), "--resume"]
     np.savez(weights, pair=pair + 1.0)
-    assert main(arguments) == 2
+    assert main(["fit", *arguments]) == 2
     assert "has weights = " in capsys.readouterr().err
     np.savez(weights, pair=pair)
-    assert main(arguments) == 0
+    assert main(["fit", *arguments]) == 0
     report = json.loads((run / "report.json").read_text(encoding="utf-8"))
     assert report["weighted_snr_db"]["with_residual"] > 0.0
 
@@ -45,7 +44,7 @@ def test_a_scene_is_part_of_the_run(source: Path, tmp_path: Path) -> None:
     scene.write_text(SCENE, encoding="utf-8")
     runs = {"plain": [], "scene": ["--scene", str(scene)]}
     for name, options in runs.items():
-        assert main([str(source), "-o", str(tmp_path / name), *OPTIONS, *options]) == 0
+        assert main(["fit", str(source), "-o", str(tmp_path / name), *OPTIONS, *options]) == 0
     assert f"scene: {scene}" in (tmp_path / "scene" / "config.yaml").read_text(encoding="utf-8")
     plain, of_scene = (
         json.loads((tmp_path / name / "report.json").read_text(encoding="utf-8")) for name in runs
@@ -65,9 +64,9 @@ def test_missing_pairs_count_nowhere(tmp_path: Path) -> None:
     del files[5]
     source, run = write_zip(tmp_path / "btf.zip", files), tmp_path / "run"
     arguments = [str(source), "-o", str(run), *OPTIONS, "--set", "cluster.count=2"]
-    assert main(arguments) == 2
-    assert main([*arguments, "--set", "data.missing=mask"]) == 0
-    assert evaluate([str(run), "-o", str(tmp_path / "out"), "--device", "cpu"]) == 0
+    assert main(["fit", *arguments]) == 2
+    assert main(["fit", *arguments, "--set", "data.missing=mask"]) == 0
+    assert main(["evaluate", str(run), "-o", str(tmp_path / "out"), "--device", "cpu"]) == 0
     report = json.loads((run / "report.json").read_text(encoding="utf-8"))
     found = json.loads((tmp_path / "out" / "evaluation.json").read_text(encoding="utf-8"))
     assert report["direction_pairs"] == found["direction_pairs"] == 8

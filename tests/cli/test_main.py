@@ -1,58 +1,125 @@
-"""The command `spmm`: help, version and unknown commands."""
+"""The command `spmm`: the table of commands, exit codes, and how commands end."""
 
 from __future__ import annotations
+
+import inspect
+import subprocess
+import sys
+from argparse import Namespace
+from pathlib import Path
 
 import pytest
 
 import spmm_torch
-from spmm_torch.cli import main as cli
-from spmm_torch.cli.main import COMMANDS, main
+from spmm_torch.cli import cache, main
+from spmm_torch.cli.main import COMMANDS, NOTHING_WRITTEN, module_of
+from spmm_torch.errors import DataError
+
+FOLDER = Path(main.__file__).parent
+# What commands share.
+SHARED = {"__init__", "main", "parser", "settings", "inputs", "source", "places", "editor"}
 
 
-def test_help_names_every_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--help"]) == 0
-    shown = capsys.readouterr()
-    assert all(f"  {name} " in shown.out for name in COMMANDS)
-    assert shown.err == ""
+def test_every_file_is_a_command_or_shared() -> None:
+    assert {path.stem for path in FOLDER.glob("*.py")} == SHARED | set(COMMANDS)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_commands_offer_the_same(name: str) -> None:
+    module = module_of(name)
+    assert list(inspect.signature(module.add_options).parameters) == ["parser"]
+    assert list(inspect.signature(module.run).parameters) == ["options"]
+    assert max(map(len, inspect.getdoc(module).splitlines())) < 80  # it is printed as it stands
 
 
 def test_without_arguments_it_is_bad_input(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cli.sys, "argv", ["spmm"])
-    assert main() == 2
-    assert "usage: spmm COMMAND" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["spmm"])
+    assert main.main() == 2
+    assert "usage: spmm" in capsys.readouterr().out
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--version"]) == 0
+    with pytest.raises(SystemExit) as stop:
+        main.main(["--version"])
+    assert stop.value.code == 0
     assert capsys.readouterr().out.strip() == spmm_torch.__version__
 
 
-def test_unknown_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["fitt", "x"]) == 2
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["fitt", "x"], "error: argument COMMAND: invalid choice: 'fitt' (choose from"),
+        (["--what"], "error: the following arguments are required: COMMAND; spmm --help tells"),
+        (["fit", "x"], "error: the following arguments are required: -o/--output; spmm fit --help"),
+        (["cache", "show"], "error: argument action: invalid choice: 'show'"),
+        (["cache", "list", "--what"], "error: unrecognized arguments: --what; spmm cache --help"),
+    ],
+)
+def test_malformed_lines_are_one_sentence(
+    words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main.main(words) == 2
     shown = capsys.readouterr()
     assert shown.out == ""
-    assert shown.err.startswith("error: unknown command fitt; expected one of fit")
+    assert shown.err.startswith(complaint)
+    assert shown.err.endswith("tells what is expected.\n")
     assert shown.err.count("\n") == 1
 
 
-def test_a_command_gets_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
-    given: list[list[str]] = []
+def test_a_command_gets_its_options_and_its_lines_are_printed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(options: Namespace) -> list[str]:
+        return [options.action, str(options.cache)]
 
-    def command(arguments: list[str]) -> int:
-        given.append(arguments)
-        return 7
-
-    monkeypatch.setitem(COMMANDS, "fit", (command, "fit"))
-    assert main(["fit", "IN", "-o", "RUN", "--help"]) == 7
-    assert given == [["IN", "-o", "RUN", "--help"]]
+    monkeypatch.setattr(cache, "run", run)
+    assert main.main(["cache", "list"]) == 0
+    assert capsys.readouterr().out == "list\nNone\n"
 
 
-def test_help_of_fit_explains_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["fit", "--help"])
-    assert caught.value.code == 0
-    shown = capsys.readouterr().out
-    for key in ("search.restarts", "stagewise.eta", "select.max_lobes", "--seed"):
-        assert key in shown
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (DataError("the sentence."), 2, "error: the sentence.\n"),
+        (KeyboardInterrupt(), 130, "stopped.\n"),
+    ],
+)
+def test_how_a_command_ends(
+    error: BaseException,
+    code: int,
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def run(options: Namespace) -> list[str]:
+        raise error
+
+    monkeypatch.setattr(cache, "run", run)
+    assert main.main(["cache", "list"]) == code
+    shown = capsys.readouterr()
+    assert (shown.out, shown.err) == ("", said)
+
+
+def test_bugs_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, "run", lambda options: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        main.main(["cache", "list"])
+
+
+def test_what_a_stop_leaves_is_said() -> None:
+    assert "--resume" in COMMANDS["fit"].stopped
+    assert COMMANDS["convert"].stopped == NOTHING_WRITTEN
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    """`spmm completion bash | head` ends quietly."""
+    code = "from spmm_torch.cli.main import main; main(['completion', 'bash'])"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.communicate()[1] == b""
+    assert process.returncode == 0

@@ -17,9 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spmm_torch.cli import fit as command
-from spmm_torch.cli.fit import main
-from spmm_torch.cli.parser import STOPPED
+from spmm_torch.cli.main import STOPPED, main
 from spmm_torch.fit import cluster
 from spmm_torch.fit.search import lobes
 from spmm_torch.geometry.directions import ring_directions
@@ -81,7 +79,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def unbroken(source: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The model of a run that nothing stopped."""
     run = tmp_path_factory.mktemp("unbroken") / "run"
-    assert main([str(source), "-o", str(run), *OPTIONS]) == 0
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS]) == 0
     return model(run)
 
 
@@ -122,7 +120,7 @@ def stopped(source: Path, run: Path, stages: int, *options: str) -> None:
     """Leaves a run that was stopped after so many stages."""
     with pytest.MonkeyPatch.context() as patch:
         stop_after(stages, patch)
-        assert main([str(source), "-o", str(run), *OPTIONS, *options]) == STOPPED
+        assert main(["fit", str(source), "-o", str(run), *OPTIONS, *options]) == STOPPED
 
 
 def test_stop_tells_how_to_go_on(
@@ -141,11 +139,11 @@ def test_stop_at_every_border(source: Path, unbroken: bytes, tmp_path: Path, sta
     stopped(source, run, stages)
     if stages:
         assert state(run) == sorted(STAGES[:stages])
-        assert main([str(source), "-o", str(run), *OPTIONS]) == 2  # not without --resume
+        assert main(["fit", str(source), "-o", str(run), *OPTIONS]) == 2  # not without --resume
         assert state(run) == sorted(STAGES[:stages])
     else:
         assert names(tmp_path) == []
-    assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     check_complete(run, unbroken)
 
 
@@ -155,7 +153,7 @@ def test_stop_at_every_border_of_one_run(source: Path, unbroken: bytes, tmp_path
     for stage in STAGES:
         stopped(source, run, 1, "--resume")
         assert stage in state(run)
-    assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     check_complete(run, unbroken)
 
 
@@ -165,7 +163,7 @@ def test_memory_and_cache_may_change_meanwhile(
     run = tmp_path / "runs" / "run"
     stopped(source, run, 2, "--max-memory", "8GB")
     options = ["--resume", "--max-memory", "4GB", "--cache", str(tmp_path / "cache")]
-    assert main([str(source), "-o", str(run), *OPTIONS, *options]) == 0
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, *options]) == 0
     check_complete(run, unbroken)
     assert any(name.endswith(".npy") for name in names(tmp_path / "cache"))
 
@@ -173,7 +171,7 @@ def test_memory_and_cache_may_change_meanwhile(
 def test_report_tells_the_seconds_of_all_processes(source: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     stopped(source, run, 2)
-    assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     seconds = json.loads((run / "report.json").read_text(encoding="utf-8"))["seconds"]
     assert seconds["search"] > 0.0
     assert seconds["total"] >= seconds["cluster"] + seconds["search"] + seconds["select"]
@@ -195,7 +193,7 @@ def test_another_setting_is_refused(
     run = tmp_path / "run"
     stopped(source, run, 1)
     capsys.readouterr()
-    assert main([str(source), "-o", str(run), *OPTIONS, *options, "--resume"]) == 2
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, *options, "--resume"]) == 2
     error = capsys.readouterr().err
     assert error.startswith(f"error: the unfinished run of {run} has {key} = ")
     assert error.count("\n") == 1
@@ -210,10 +208,12 @@ def test_a_finished_run_is_only_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     run = tmp_path / "run"
-    assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0  # nothing to go on with
+    assert (
+        main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
+    )  # nothing to go on with
     first = capsys.readouterr().out
-    monkeypatch.setattr(command, "fit", lambda *_: pytest.fail("nothing is left to do"))
-    assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
+    monkeypatch.setattr("spmm_torch.fit.fit", lambda *_: pytest.fail("nothing is left to do"))
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     assert capsys.readouterr().out == first == f"{run / 'report.html'}\n"
     check_complete(run, unbroken)
 
@@ -236,14 +236,14 @@ def test_full_disk_at_the_end_loses_no_stage(
     capsys.readouterr()
     with monkeypatch.context() as patch:
         patch.setattr(folder, writer, full_disk)
-        assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 2
+        assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith(f"error: the disk is full at run folder {run} (")
     assert "go on with --resume" in error
     assert state(run) == sorted(STAGES)
     monkeypatch.setattr(cluster, "principal_points", lambda *_: pytest.fail("it is finished"))
     monkeypatch.setattr(lobes, "find_lobes", lambda *_: pytest.fail("it is finished"))
-    assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     check_complete(run, unbroken)
 
 
@@ -258,10 +258,10 @@ def test_full_disk_in_a_stage(
             "write_bytes",
             lambda path, content: full_disk() if "texels" in path.name else write(path, content),
         )
-        assert main([str(source), "-o", str(run), *OPTIONS]) == 2
+        assert main(["fit", str(source), "-o", str(run), *OPTIONS]) == 2
     assert "go on with --resume" in capsys.readouterr().err.splitlines()[-1]
     assert state(run) == ["cluster", "search"]
-    assert main([str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
+    assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     check_complete(run, unbroken)
 
 

@@ -10,17 +10,16 @@ import pytest
 import torch
 from PIL import Image
 
-from spmm_torch.cli.synthesize import main
+from spmm_torch.cli.main import NOTHING_WRITTEN, STOPPED, main
 from spmm_torch.data import load_btf
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.runtime.progress import Progress
 from spmm_torch.synthesize import SynthesisSettings, pipeline, variant
 from spmm_torch.synthesize.maps import TextureMaps
-from spmm_torch.synthesize.settings import RINGS
 from spmm_torch.synthesize.tracer import PathTracer
 
 FEW_RINGS = ((0.0, 1), (60.0, 4))
-FEW = 5
+SET, FEW = 81, 5
 needs_mitsuba = pytest.mark.skipif(
     variant.find_spec("mitsuba") is None,
     reason="needs Mitsuba: pip install 'spmm_torch[mitsuba]'",
@@ -29,8 +28,8 @@ needs_mitsuba = pytest.mark.skipif(
 
 @pytest.fixture(autouse=True)
 def few_directions(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A set of 5 directions beside those of 81 and 151."""
-    monkeypatch.setitem(RINGS, FEW, FEW_RINGS)
+    """The set of 81 directions has 5 here."""
+    monkeypatch.setitem(pipeline.RINGS, SET, FEW_RINGS)
 
 
 @pytest.fixture
@@ -38,7 +37,7 @@ def arguments(tmp_path: Path) -> list[str]:
     """A texture of 4 x 8 texels, and settings that take a moment."""
     generator = np.random.default_rng(0)
     (tmp_path / "maps").mkdir()
-    given = ["--size", "8", "--directions", str(FEW), "--samples", "4"]
+    given = ["--size", "8", "--directions", str(SET), "--samples", "4"]
     given += ["--variant", variant.PLAIN, "--threads", "1"]
     for role, channels in (("height", ()), ("albedo", (3,)), ("roughness", ())):
         codes = generator.integers(40, 256, (8, 16, *channels), np.uint8)
@@ -55,7 +54,7 @@ def left(folder: Path) -> set[str]:
 @needs_mitsuba
 @pytest.mark.parametrize("name", ["x.npz", "x"])
 def test_hdr_targets_hold_the_radiance(arguments: list[str], tmp_path: Path, name: str) -> None:
-    assert main([*arguments, "-o", str(tmp_path / name)]) == 0
+    assert main(["synthesize", *arguments, "-o", str(tmp_path / name)]) == 0
     assert left(tmp_path) == {name}
     if name == "x":
         assert len(list((tmp_path / name).rglob("*.exr"))) == FEW**2
@@ -72,8 +71,8 @@ def test_hdr_targets_hold_the_radiance(arguments: list[str], tmp_path: Path, nam
 def test_a_zip_is_scaled_to_its_percentile_and_tells_what_was_clipped(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*arguments, "-o", str(tmp_path / "x.npz")]) == 0
-    assert main([*arguments, "-o", str(tmp_path / "x.zip"), "--gamma", "1.8"]) == 0
+    assert main(["synthesize", *arguments, "-o", str(tmp_path / "x.npz")]) == 0
+    assert main(["synthesize", *arguments, "-o", str(tmp_path / "x.zip"), "--gamma", "1.8"]) == 0
     radiance = load_btf(tmp_path / "x.npz").texels()
     scale = float(radiance.flatten().quantile(0.998, interpolation="higher"))
     codes = load_btf(tmp_path / "x.zip", gamma=1.8).texels()
@@ -88,7 +87,8 @@ def test_a_zip_is_scaled_to_its_percentile_and_tells_what_was_clipped(
 def test_the_same_seed_gives_the_same_bytes(arguments: list[str], tmp_path: Path) -> None:
     for name, seed in (("a", "3"), ("b", "3"), ("c", "4")):
         (tmp_path / name).mkdir()
-        assert main([*arguments, "--seed", seed, "-o", str(tmp_path / name / "x.zip")]) == 0
+        output = tmp_path / name / "x.zip"
+        assert main(["synthesize", *arguments, "--seed", seed, "-o", str(output)]) == 0
     first, second, third = ((tmp_path / name / "x.zip").read_bytes() for name in "abc")
     assert first == second
     assert first != third
@@ -96,7 +96,10 @@ def test_the_same_seed_gives_the_same_bytes(arguments: list[str], tmp_path: Path
 
 @needs_mitsuba
 def test_a_stop_leaves_nothing(
-    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     picture = PathTracer.picture
     seen = []
@@ -108,8 +111,8 @@ def test_a_stop_leaves_nothing(
         return picture(self, *given)
 
     monkeypatch.setattr(PathTracer, "picture", stop_at_the_third)
-    with pytest.raises(KeyboardInterrupt):
-        main([*arguments, "-o", str(tmp_path / "x.npz")])
+    assert main(["synthesize", *arguments, "-o", str(tmp_path / "x.npz")]) == STOPPED
+    assert capsys.readouterr().err.splitlines()[-1] == NOTHING_WRITTEN
     assert seen[0] != set()  # the hidden folder that must be gone
     assert left(tmp_path) == set()
 
@@ -119,23 +122,23 @@ def test_a_texture_that_reflects_nothing_is_refused(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Image.new("RGB", (16, 8)).save(tmp_path / "maps" / "albedo.png")
-    assert main([*arguments, "--specular", "0", "-o", str(tmp_path / "x.zip")]) == 2
+    assert main(["synthesize", *arguments, "--specular", "0", "-o", str(tmp_path / "x.zip")]) == 2
     assert "is all black" in capsys.readouterr().err
     assert left(tmp_path) == set()
 
 
 BAD_SETTINGS = {
-    "relief": ("-0.1", "--relief of spmm synthesize is -0.1; expected 0 to 0.5"),
-    "size": ("0", "--size of spmm synthesize is 0"),
-    "directions": ("80", "is 80; expected 81 or 151"),
+    "relief": ("-0.1", "--relief is -0.1; expected 0.0 to 0.5"),
+    "size": ("0", "--size is 0; expected at least 1"),
+    "directions": ("80", "invalid choice: 80 (choose from"),
     "samples": ("0", "--samples"),
     "bounces": ("0", "--bounces"),
     "specular": ("1.5", "--specular"),
-    "gamma": ("0", "expected a positive number"),
+    "gamma": ("0", "--gamma is 0.0; expected 0.01 to 10.0"),
     "seed": ("-1", "--seed"),
     "threads": ("-2", "--threads"),
-    "scale": ("peak", "expected auto or none"),
-    "variant": ("gpu", "expected one of auto"),
+    "scale": ("peak", "invalid choice: 'peak'"),
+    "variant": ("gpu", "invalid choice: 'gpu'"),
     "height": ("no.png", "height map no.png does not exist"),
     "albedo": ("no.png", "albedo map no.png does not exist"),
 }
@@ -146,7 +149,7 @@ def test_bad_settings_end_in_one_sentence(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     value, complaint = BAD_SETTINGS[name]
-    assert main([*arguments, f"--{name}", value, "-o", str(tmp_path / "x.zip")]) == 2
+    assert main(["synthesize", *arguments, f"--{name}", value, "-o", str(tmp_path / "x.zip")]) == 2
     text = capsys.readouterr().err
     assert text.startswith("error: ")
     assert text.count("\n") == 1
@@ -169,7 +172,7 @@ def test_bad_outputs_end_in_one_sentence(
     output: str,
     complaint: str,
 ) -> None:
-    assert main([*arguments, "-o", str(tmp_path / output)]) == 2
+    assert main(["synthesize", *arguments, "-o", str(tmp_path / output)]) == 2
     text = capsys.readouterr().err
     assert complaint in text
     assert text.count("\n") == 1
@@ -184,7 +187,7 @@ def test_a_small_disk_is_refused_before_rendering(
 ) -> None:
     usage = shutil.disk_usage(tmp_path)._replace(free=1000)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
-    assert main([*arguments, "-o", str(tmp_path / "x.npz")]) == 2
+    assert main(["synthesize", *arguments, "-o", str(tmp_path / "x.npz")]) == 2
     assert "GB of disk but" in capsys.readouterr().err
     assert left(tmp_path) == set()
 
@@ -196,14 +199,14 @@ def test_without_mitsuba_nothing_is_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(variant, "find_spec", lambda name: None)
-    assert main([*arguments, "-o", str(tmp_path / "x.npz")]) == 2
+    assert main(["synthesize", *arguments, "-o", str(tmp_path / "x.npz")]) == 2
     assert "pip install 'spmm_torch[mitsuba]'" in capsys.readouterr().err
     assert left(tmp_path) == set()
 
 
 def test_the_help_names_every_setting(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
-        main(["--help"])
+        main(["synthesize", "--help"])
     assert stop.value.code == 0
     text = capsys.readouterr().out
     assert all(f"--{name}" in text for name in SynthesisSettings.__dataclass_fields__)
@@ -227,6 +230,6 @@ def test_a_normal_map_upside_down_is_told(
     tilt = np.repeat(-np.cos(rows)[:, None], 8, axis=1)  # the sign of DirectX
     normal = np.stack((np.zeros_like(tilt), tilt, np.ones_like(tilt)), axis=-1) / np.sqrt(2.0)
     maps = TextureMaps(height, np.ones((8, 8, 3), np.float32), height, normal=normal)
-    few = SynthesisSettings(size=2, directions=FEW, samples=1, variant=variant.PLAIN, threads=1)
+    few = SynthesisSettings(size=2, directions=SET, samples=1, variant=variant.PLAIN, threads=1)
     pipeline.synthesize_btf(maps, tmp_path / "x.npz", few, Progress())
     assert "invert its green channel" in capsys.readouterr().err

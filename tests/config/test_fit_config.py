@@ -93,5 +93,5 @@ def test_bad_assignments(assignment: str, message: str) -> None:
 
 def test_every_setting_is_explained() -> None:
     rows = describe(FitConfig)
-    assert len({key for key, _, _ in rows}) == len(rows)
-    assert all(meaning for _, _, meaning in rows)
+    assert len({row.key for row in rows}) == len(rows)
+    assert all(row.meaning for row in rows)

@@ -142,10 +142,10 @@ def test_bad_yaml(tmp_path: Path, content: bytes | None, message: str) -> None:
 def test_plain_and_describe() -> None:
     assert plain({"a": (1, ("b",)), "c": {"d": ()}}) == {"a": [1, ["b"]], "c": {"d": []}}
     assert describe(Outer)[:2] == [
-        ("inner.count", 3, "things"),
-        ("inner.share", 0.5, "part of them"),
+        ("inner.count", 3, "things", "1 to 9"),
+        ("inner.share", 0.5, "part of them", "0.0 to 1.0"),
     ]
-    assert [key for key, _, _ in describe(Outer)] == [
+    assert [row.key for row in describe(Outer)] == [
         "inner.count",
         "inner.share",
         "inner.limit",

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from spmm_torch.data import load_btf
-from spmm_torch.data.crop import crop_jpeg, crop_ubo2003, main
+from spmm_torch.data.crop import crop_jpeg, crop_ubo2003
 from spmm_torch.errors import DataError
 
 
@@ -65,11 +65,3 @@ def test_bad_rectangles(tmp_path: Path) -> None:
         with pytest.raises(DataError, match="rectangle"):
             crop_ubo2003(source, *box, tmp_path / "new.zip")
     assert [file.name for file in tmp_path.iterdir()] == ["old.zip"]
-
-
-def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = write_source(tmp_path / "old.zip", smooth_jpeg())
-    given = [str(source), str(tmp_path / "new.zip"), "--x=0", "--y=0", "--width=8"]
-    assert main([*given, "--height=8"]) == 0
-    assert main([*given, "--height=7"]) == 2
-    assert "rectangle" in capsys.readouterr().err

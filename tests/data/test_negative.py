@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from spmm_torch.cli.convert import main as convert
+from spmm_torch.cli.main import main
 from spmm_torch.data import BTF, ReadOptions, load_btf
 from spmm_torch.data.writers import write_exr_folder
 from spmm_torch.errors import ConfigError, DataError
@@ -78,8 +78,8 @@ def test_nothing_but_noise_below_zero_is_black() -> None:
 
 
 def test_convert(noisy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert convert([str(noisy), "-o", str(tmp_path / "a.npz")]) == 2
+    assert main(["convert", str(noisy), "-o", str(tmp_path / "a.npz")]) == 2
     assert "else --negative" in capsys.readouterr().err
     assert not (tmp_path / "a.npz").exists()
-    assert convert([str(noisy), "-o", str(tmp_path / "a.npz"), "--negative", "clip"]) == 0
+    assert main(["convert", str(noisy), "-o", str(tmp_path / "a.npz"), "--negative", "clip"]) == 0
     assert torch.equal(load_btf(tmp_path / "a.npz").texels(), WANTED["clip"])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from spmm_torch.cli.fit import main as fit
+from spmm_torch.cli.main import main
 from spmm_torch.data import BTF
 from spmm_torch.render import RenderSettings
 from tests.render.planted import planted_model, tabulated
@@ -42,5 +42,5 @@ def save(btf: BTF, path: Path) -> Path:
 
 def make_run(source: Path, run: Path, *options: str) -> Path:
     """A fast fit."""
-    assert fit([str(source), "-o", str(run), *FAST, *options]) == 0
+    assert main(["fit", str(source), "-o", str(run), *FAST, *options]) == 0
     return run

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spmm_torch import BTF, ConfigError, FitConfig
-from spmm_torch.cli.fit import main
+from spmm_torch.cli.main import main
 from spmm_torch.data.store import Loading, Part, Store
 from spmm_torch.fit import plan
 from spmm_torch.fit.pipeline import fit
@@ -125,7 +125,7 @@ def test_low_limit_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFix
     values = np.ones((5, 5, 2, 2, 3), np.float32)
     np.savez(tmp_path / "btf.npz", values=values, view=directions, light=directions)
     run = tmp_path / "out" / "run"
-    assert main([str(tmp_path / "btf.npz"), "-o", str(run), "--max-memory", "1KB"]) == 2
+    assert main(["fit", str(tmp_path / "btf.npz"), "-o", str(run), "--max-memory", "1KB"]) == 2
     error = capsys.readouterr().err
     assert error.startswith("error: --max-memory is 0.00 GB, but this input needs ")
     assert error.count("\n") == 1  # not even the first stage was begun

@@ -166,7 +166,7 @@ def test_gpu_renders_the_same_picture() -> None:
         ),
         (lambda: RenderSettings(size=0), "size is 0"),
         (lambda: RenderSettings(samples=-1), "samples is -1"),
-        (lambda: RenderSettings(light_samples=0), "light samples is 0"),
+        (lambda: RenderSettings(light_samples=0), "light_samples is 0"),
         (lambda: DirectionalLight.build((0.0, 0.0, 0.0)), "expected a direction"),
         (lambda: DirectionalLight.build((0.0, 0.0, 1.0), (1.0, -1.0, 0.0)), "not below 0"),
         (lambda: PointLight.build((0.0, math.inf, 1.0)), "three finite numbers"),

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from spmm_torch.config.render import SHAPE_NAMES, SceneConfig
 from spmm_torch.errors import ConfigError
 from spmm_torch.render import DirectionalLight, EnvironmentLight, Plane, RenderSettings
-from spmm_torch.render.scene_file import SceneConfig, read_scene
+from spmm_torch.render.scene_file import read_scene, scene_of
+from spmm_torch.render.shapes import SHAPES
 
 FULL = """
 shape: plane
@@ -30,11 +32,15 @@ def write(path: Path, text: str) -> Path:
 def test_every_key(tmp_path: Path) -> None:
     config = read_scene(write(tmp_path / "scene.yaml", FULL))
     assert config.settings == RenderSettings(32, 2, 8, 3)
-    scene = config.scene(aspect=2.0)
+    scene = scene_of(config, aspect=2.0)
     assert isinstance(scene.shape, Plane)
     assert (scene.shape.texture.repeat, scene.shape.texture.aspect) == (3.0, 2.0)
     assert scene.camera.distance == 5.0
     assert [type(light) for light in scene.lights] == [EnvironmentLight, DirectionalLight]
+
+
+def test_every_shape_has_its_name() -> None:
+    assert tuple(SHAPES) == SHAPE_NAMES
 
 
 def test_nothing_given_is_the_default(tmp_path: Path) -> None:
@@ -55,7 +61,7 @@ def test_nothing_given_is_the_default(tmp_path: Path) -> None:
 )
 def test_a_bad_scene(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ConfigError) as error:
-        read_scene(write(tmp_path / "scene.yaml", text)).scene()
+        scene_of(read_scene(write(tmp_path / "scene.yaml", text)))
     assert message in str(error.value)
 
 

@@ -45,7 +45,7 @@ PATIENCE = 300.0
 # last arguments rank 0 fails when it keeps that stage, or rank 1 in the third cluster.
 FIT = """
 import sys
-from spmm_torch.cli import fit
+from spmm_torch.cli.main import main
 from spmm_torch.data import blocks
 from spmm_torch.errors import OutputError
 from spmm_torch.fit.select import alternate, clusters
@@ -75,7 +75,7 @@ def failing_products(*arguments, ranks, **options):
 
 checkpoint.Checkpoint._keep = failing_keep
 clusters.cluster_products = failing_products
-sys.exit(fit.main())
+sys.exit(main(["fit", *sys.argv[1:]]))
 """
 COLLECTIVES = """
 import sys, torch

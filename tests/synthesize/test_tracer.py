@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spmm_torch.config.synthesis import FAST, PLAIN, SynthesisSettings
 from spmm_torch.runtime.progress import Progress
 from spmm_torch.synthesize.maps import TextureMaps
-from spmm_torch.synthesize.settings import SynthesisSettings
 from spmm_torch.synthesize.tracer import PathTracer, stratify
-from spmm_torch.synthesize.variant import FAST, PLAIN, load_mitsuba, works
+from spmm_torch.synthesize.variant import load_mitsuba, works
 
 pytest.importorskip("mitsuba", reason="needs Mitsuba: pip install 'spmm_torch[mitsuba]'")
 

@@ -62,9 +62,9 @@ def test_without_drivers_the_command_does_not_crash(run: Path, tmp_path: Path) -
         pytest.skip("OSMesa stands in")
     pytest.importorskip("pyvista")
     target = tmp_path / "x.png"
-    code = "import sys; from spmm_torch.cli.view import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from spmm_torch.cli.main import main; sys.exit(main(sys.argv[1:]))"
     result = subprocess.run(
-        [sys.executable, "-c", code, str(run), "--save", str(target)],
+        [sys.executable, "-c", code, "view", str(run), "--save", str(target)],
         env={**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": str(tmp_path / "none")},
         capture_output=True,
         text=True,

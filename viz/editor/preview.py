@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from ...config.editor import EditorSettings
 from ...model.spmm import SPMM
 from ...render.display import auto_exposure, display_codes
 from ..palette import PAGE, Colour
@@ -24,7 +25,7 @@ from ..slice_picture import slice_codes
 from .lobe_cache import never
 from .stage import Setting, Stage
 
-SIZE = 256
+SIZE = EditorSettings.size
 # A coarse picture has this fraction of the pixels along each side.
 COARSE = 2
 # What is expected to take longer, in seconds, is shown coarse first.

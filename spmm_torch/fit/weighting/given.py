@@ -12,7 +12,7 @@ from ...data import BTF
 from ...data.error_weights import Weights
 from ...data.pictures import ZIP_ERRORS
 from ...errors import DataError
-from ...render.scene_file import read_scene
+from ...render.scene_file import read_scene, scene_of
 from .scene import scene_weights
 
 KEYS = ("pair", "texel")
@@ -32,7 +32,7 @@ def given_weights(btf: BTF, config: WeightsConfig) -> Weights:
     if config.scene is not None:
         scene = read_scene(config.scene)
         aspect = btf.width / btf.height
-        own = scene_weights(btf, scene.scene(aspect), scene.settings, config.scene)
+        own = scene_weights(btf, scene_of(scene, aspect), scene.settings, config.scene)
         weights = weights.times(own)
     return weights.floored(config.floor)
 

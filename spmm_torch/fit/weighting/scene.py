@@ -13,6 +13,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ...config.render import RenderSettings
 from ...data import BTF
 from ...data.error_weights import Weights
 from ...errors import ConfigError
@@ -21,7 +22,7 @@ from ...render.btf_material import BTFMaterial
 from ...render.direct import Hits, delta_light_directions, weighted
 from ...render.environment import EnvironmentLight
 from ...render.points import LightNumbers
-from ...render.renderer import Light, RenderSettings, Scene, hit_blocks, trace
+from ...render.renderer import Light, Scene, hit_blocks, trace
 from ...runtime.memory import slices
 
 # Eye rays that are traced at once, and pixels each way beyond which weights hardly change.

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from spmm_torch import SPMM
+from spmm_torch.config.render import RenderSettings
 from spmm_torch.edit import (
     hue_saturation,
     intensity,
@@ -22,7 +23,7 @@ from spmm_torch.errors import ConfigError
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.render import DirectionalLight
 from spmm_torch.render.camera import Camera
-from spmm_torch.render.renderer import RenderSettings, Scene, render
+from spmm_torch.render.renderer import Scene, render
 from spmm_torch.render.shapes import Rays, Sphere, Texture
 from spmm_torch.viz.editor.drape import Drape, height
 from spmm_torch.viz.editor.lobe_cache import Stopped

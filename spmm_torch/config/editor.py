@@ -1,0 +1,23 @@
+"""Settings of the editor in the browser; they need no torch, so that help texts are quick."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .schema import check_settings, setting
+
+
+@dataclass(frozen=True)
+class EditorSettings:
+    """How the editor is served.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    size: int = setting(256, "width and height of the pictures in pixels", low=64, high=1024)
+    host: str = setting("localhost", "address to listen at")
+    port: int = setting(0, "port to listen at; 0: any free one", low=0, high=65535)
+
+    def __post_init__(self) -> None:
+        check_settings(self)

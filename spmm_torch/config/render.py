@@ -1,0 +1,59 @@
+"""Settings of a rendering: how fine it is, and its scene in words.
+
+They need no torch, so that help texts are quick; `spmm_torch.render` makes scenes of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from .schema import check_settings, setting
+
+# A picture of 4096 pixels each way takes some 500 MB.
+MAX_COUNT = 1 << 12
+SHAPE_NAMES = ("sphere", "plane")
+LIGHT_FORMS = "studio, directional:THETA,PHI[,R,G,B], point:X,Y,Z[,R,G,B], or a file (.exr, .hdr)"
+CAMERA_FORMS = "orthographic[:THETA,PHI] or perspective[:THETA,PHI[,DISTANCE[,FIELD_OF_VIEW]]]"
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """How fine a picture is.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    size: int = setting(256, "width and height of a picture in pixels", low=1, high=MAX_COUNT)
+    samples: int = setting(4, "eye rays of a pixel", low=1, high=MAX_COUNT)
+    light_samples: int = setting(
+        4,
+        "directions that an eye ray draws from each environment, and as many from the material",
+        low=1,
+        high=MAX_COUNT,
+    )
+    seed: int = setting(0, "seed of every random choice", low=0)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+@dataclass(frozen=True)
+class SceneConfig(RenderSettings):
+    """What is rendered, and how finely; angles in degrees, THETA from +z.
+
+    Raises:
+        ConfigError: a value out of its range.
+    """
+
+    shape: str = setting("sphere", "shape that the material lies on", choices=SHAPE_NAMES)
+    repeat: float = setting(2.0, "copies of the texture across the shape", low=1e-3, high=1e3)
+    camera: str = setting("orthographic", f"camera: {CAMERA_FORMS}; angles in degrees from +z")
+    lights: tuple[str, ...] = setting(
+        ("studio",), f"light: {LIGHT_FORMS}; angles in degrees from +z"
+    )
+
+    @property
+    def settings(self) -> RenderSettings:
+        """How fine its pictures are."""
+        return RenderSettings(self.size, self.samples, self.light_samples, self.seed)
