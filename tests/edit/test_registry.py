@@ -1,8 +1,8 @@
-"""A planted edit and a planted mask: one entry in a registry each, and everything finds them."""
+"""The registries of edits and masks: a planted one of each is found by everything."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
@@ -49,7 +49,18 @@ SCRIPT = """
 """
 
 
-@pytest.fixture(autouse=True)
+@pytest.mark.parametrize("kind", [*EDITS.values(), *MASKS.values()], ids=[*EDITS, *MASKS])
+def test_every_kind_is_frozen_and_says_what_it_means(kind: type) -> None:
+    """The help text prints the docstring and the meanings of options."""
+    assert kind.__dataclass_params__.frozen
+    assert kind.__doc__
+    assert "\n" not in kind.__doc__
+    assert kind.__doc__.endswith(".")
+    for item in fields(kind):
+        assert len(item.metadata["meaning"]) > 5
+
+
+@pytest.fixture
 def registered(monkeypatch: pytest.MonkeyPatch) -> None:
     """All that it takes to add an edit and a mask."""
     monkeypatch.setitem(EDITS, "dim", Dim)
@@ -65,6 +76,7 @@ def run(model: SPMM, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.usefixtures("registered")
 def test_scripts_apply_them(model: SPMM) -> None:
     edited = Script.parse(yaml.safe_load(SCRIPT)).apply(model)
     factor = torch.ones(8, 8)
@@ -75,6 +87,7 @@ def test_scripts_apply_them(model: SPMM) -> None:
     check_valid(edited)
 
 
+@pytest.mark.usefixtures("registered")
 def test_scripts_round_trip_and_check_them() -> None:
     script = Script.parse(yaml.safe_load(SCRIPT))
     assert script.plain() == yaml.safe_load(SCRIPT)
@@ -88,6 +101,7 @@ def test_scripts_round_trip_and_check_them() -> None:
             Script.parse(yaml.safe_load(text))
 
 
+@pytest.mark.usefixtures("registered")
 def test_edited_runs_hold_them(run: Path, tmp_path: Path) -> None:
     script = Script.parse(yaml.safe_load(SCRIPT))
     edited = edit_run(run, script, tmp_path / "out")
@@ -95,6 +109,7 @@ def test_edited_runs_hold_them(run: Path, tmp_path: Path) -> None:
     assert SPMM.load(tmp_path / "out").pack() == edited.pack()
 
 
+@pytest.mark.usefixtures("registered")
 def test_the_editor_takes_them(run: Path) -> None:
     session = Session.open(run)
     session.add("dim: {stops: 2, mask: {chess: {}}}")
@@ -102,14 +117,12 @@ def test_the_editor_takes_them(run: Path) -> None:
     assert session.script.plain() == [{"dim": {"stops": 2.0, "mask": {"chess": {}}}}]
 
 
+@pytest.mark.usefixtures("registered")
 def test_the_help_describes_them(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["edit", "--help"])
     shown = capsys.readouterr().out
-    for text in (
-        "dim: Darker by photographic stops.",
-        "stops (1.0): halvings of the light",
-        "chess: The black squares of a chess board.",
-        "side (2): texels along each side of a square",
-    ):
+    for kind in (Dim, ChessMask):
+        assert kind.__doc__ in shown
+    for text in ("halvings of the light", "texels along each side of a square"):
         assert text in shown
