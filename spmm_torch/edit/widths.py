@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch import Tensor
 
-from ..brdf import REGISTRY, Parameter
+from ..brdf import REGISTRY
 from ..lobes.batch import LobeBatch
 
 
-def power_law(parameter: Parameter) -> tuple[float, float]:
+def power_law(from_width: Callable[[float], float]) -> tuple[float, float]:
     """(a, b) of the value a * width^b of a width parameter; each of them is such a law."""
-    one, two = parameter.from_width(1.0), parameter.from_width(2.0)
+    one, two = from_width(1.0), from_width(2.0)
     return one, math.log2(two / one)
 
 
@@ -26,7 +27,7 @@ def widths(lobes: LobeBatch) -> Tensor:
     for model, rows in rows_by_model(lobes):
         for column, row in enumerate(REGISTRY[model].parameters):
             if row.from_width is not None:
-                a, b = power_law(row)
+                a, b = power_law(row.from_width)
                 width[rows] = torch.minimum(width[rows], (lobes.kappa[rows, column] / a) ** (1 / b))
     return width
 

@@ -13,6 +13,6 @@ def test_every_width_parameter_is_a_power_law(brdf) -> None:  # noqa: ANN001
     """What `power_law` relies on."""
     for row in brdf.parameters:
         if row.from_width is not None:
-            a, b = power_law(row)
+            a, b = power_law(row.from_width)
             for width in (0.02, 0.3, 0.9):
                 assert row.from_width(width) == pytest.approx(a * width**b)

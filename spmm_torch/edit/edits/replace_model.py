@@ -72,7 +72,7 @@ def _matched(lobes: LobeBatch, target: int) -> Tensor:
     width = torch.where(width.isinf(), DIFFUSE_WIDTH, width)
     for column, row in enumerate(REGISTRY[target].parameters):
         if row.from_width is not None:
-            a, b = power_law(row)
+            a, b = power_law(row.from_width)
             value = a * width**b
         else:
             value = torch.full_like(width, NEUTRAL.get(row.name, 0.5 * (row.low + row.high)))
@@ -94,4 +94,4 @@ def _equal_law(first: Parameter, second: Parameter) -> bool:
     """Whether equal values of two parameters mean equal widths, or neither sets one."""
     if first.from_width is None or second.from_width is None:
         return first.from_width is second.from_width
-    return power_law(first) == power_law(second)
+    return power_law(first.from_width) == power_law(second.from_width)

@@ -67,6 +67,6 @@ def scaled_widths(lobes: LobeBatch, factor: float) -> LobeBatch:
     for model, rows in rows_by_model(lobes):
         for column, row in enumerate(REGISTRY[model].parameters):
             if row.from_width is not None:
-                value = kappa[rows, column] * factor ** power_law(row)[1]
+                value = kappa[rows, column] * factor ** power_law(row.from_width)[1]
                 kappa[rows, column] = value.clamp(row.low, row.high)
     return replace(lobes, kappa=kappa)
