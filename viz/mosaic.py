@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..brdf import MODEL_NAMES
 from ..errors import ConfigError
+from ..lobes.ragged import groups
 from ..model.spmm import SPMM
 from .palette import model_colour
 from .polar import mirror_directions, polar_directions, polar_triangles
@@ -95,8 +96,7 @@ def _surfaces(models: Tensor, radii: Tensor, at: Floats, directions: Tensor) -> 
     """One surface for each BRDF, made of those of its E_m lobes."""
     triangles = polar_triangles(directions)
     parts: list[Part] = []
-    for model in torch.unique(models).tolist():
-        rows = torch.nonzero(models == model).squeeze(-1)
+    for model, rows in groups(models, len(MODEL_NAMES)):
         points = at[rows.numpy(), None] + (radii[rows, :, None] * directions).numpy()
         faces = _repeated(triangles, len(rows), len(directions))
         parts.append(Surface(points.reshape(-1, 3), faces, model_colour(model), OPACITY))
@@ -112,7 +112,7 @@ def _repeated(triangles: NDArray[np.int64], count: int, points: int) -> NDArray[
 def _legend(models: Tensor, largest: float) -> tuple[LegendRow, ...]:
     rows = [
         LegendRow(model_title(MODEL_NAMES[model]), model_colour(model))
-        for model in torch.unique(models).tolist()
+        for model, _ in groups(models, len(MODEL_NAMES))
     ]
     note = f"radius: luminance of the cosine-weighted value of a lobe; the longest is {largest:.3g}"
     return (LegendRow(note), *rows)

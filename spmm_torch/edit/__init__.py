@@ -1,35 +1,48 @@
 """Edits of a model [WDR11 §5]: pure functions that return another SPMM and change none.
 
-    where = select_texels(model, mask)
-    model = intensity(model, 1.5, where & lobe_selection(model, specular=True))
+    where = select_texels(model, mask) & lobe_group(model, "specular")
+    model = intensity(model, 1.5, where)
 
-Tensors that an edit does not change are shared with the original, so edits are cheap and keeping
-all of them for undo is too. Angles are radians.
+Every edit takes one `Selection`: which texels, which lobes, and which share of them. Tensors that
+an edit does not change are shared with the original, so an edit is cheap, and so is undo. Angles
+are radians in functions, degrees in scripts.
 """
 
 from .colour import change_colours, change_table, linear_change
-from .edit_options import EDITS
+from .edits import EDITS
+from .edits.blend import blend
+from .edits.copy_look import copy_look, rearranged
+from .edits.hue_saturation import hue_saturation
+from .edits.intensity import intensity
+from .edits.replace_model import replace_model
+from .edits.residual_strength import residual_strength
+from .edits.rotate_tangent import rotate_tangent
+from .edits.scale_width import scale_width
+from .edits.set_parameter import set_parameter
+from .edits.spread_normals import spread_normals
 from .groups import GROUPS, lobe_group
-from .mask_options import MASKS
-from .masks import cluster_selection, colour_selection, lobe_selection, picture_selection
-from .mixing import blend, copy_look, rearranged
-from .normals import rotate_tangent, spread_normals
-from .parameters import replace_model, set_parameter
-from .recolour import hue_saturation
-from .regions import Rectangle, Stripes
-from .residual import residual_strength
+from .masks import MASKS
+from .masks.cluster import cluster_selection
+from .masks.colour import colour_selection
+from .masks.lobes import lobe_selection
+from .masks.picture import picture_selection
+from .masks.rectangle import Rectangle
+from .masks.stripes import Stripes
+from .options import Edit, Mask
 from .script import Script, Step
-from .selection import Selection, select_lobes, select_texels
-from .weights import intensity
-from .widths import scale_width, widths
+from .selection import EVERYTHING, Selection, select_lobes, select_texels
+from .widths import widths
 
 __all__ = [
     "EDITS",
+    "EVERYTHING",
     "GROUPS",
     "MASKS",
+    "Edit",
+    "Mask",
     "Rectangle",
-    "Selection",
     "Script",
+    "Selection",
     "Step",
     "Stripes",
     "blend",

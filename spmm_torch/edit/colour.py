@@ -1,8 +1,8 @@
 """Changes of hue and saturation, and their best linear approximations M [WDR11 §5.1, Eq. 6].
 
 A change e turns the hue by an angle and multiplies the saturation, both of HSV, on linear RGB.
-HSV and not HLS: its hue and saturation do not depend on how bright a colour is, so
-e(s c) = s e(c), unit colours stand for all, and values above 1 keep their meaning.
+Hue and saturation of HSV, unlike those of HLS, do not depend on brightness. So e(s c) = s e(c),
+unit colours stand for all, and values above 1 keep their meaning.
 """
 
 from __future__ import annotations
@@ -21,16 +21,17 @@ from ..errors import ConfigError
 HUE_STEPS, SATURATION_STEPS, UNIT_COLOURS = 100, 100, 10_000
 MAX_SATURATION = 2.0
 COLOUR_SEED = 0
-# Colours are brought to a maximum of 1 first; those that are darker than this are black.
+# Colours are divided by their largest channel; one that is darker than this counts as black.
 DARKEST = 1e-30
 
 
 def change_colours(rgb: Tensor, hue: float, saturation: float) -> Tensor:
-    """The exact change e of colours `[..., 3]`, linear RGB; what is negative counts as 0.
+    """The exact change e of colours, `[..., 3]`.
 
     Args:
+        rgb: linear RGB, `[..., 3]`; a negative value counts as 0.
         hue: turn in radians, from red towards green.
-        saturation: factor on the saturation of HSV, which stays 1 at the most.
+        saturation: factor on the saturation of HSV, which stays at most 1.
     """
     h, s, v = _hsv(rgb)
     changed = torch.stack(
@@ -44,7 +45,7 @@ def _hsv(rgb: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Hue (radians), saturation and value of colours `[..., 3]`, flattened to `[N]` each."""
     flat = rgb.reshape(-1, 3).clamp(min=0.0)
     value = flat.amax(1)
-    # The library's guard against black is not relative: dark colours would lose saturation.
+    # The guard against black in kornia is absolute: dark colours would lose saturation.
     even = flat / value.clamp(min=DARKEST)[:, None]
     h, s, _ = rgb_to_hsv(even.T[:, :, None])[:, :, 0]
     return h, s, value
@@ -100,6 +101,10 @@ def change_table() -> Tensor:
 
 def linear_change(hue: float, saturation: float) -> Tensor:
     """M `[3, 3]` of any change, bilinear between those of the table [WDR11 §5.1].
+
+    Args:
+        hue: turn in radians.
+        saturation: factor.
 
     Raises:
         ConfigError: not finite, or a saturation beyond the table.

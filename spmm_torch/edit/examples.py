@@ -6,7 +6,7 @@ from importlib import resources
 from pathlib import Path
 
 from ..errors import ConfigError
-from .mask_options import nearest
+from .options import nearest
 from .script import Script
 
 
@@ -29,7 +29,7 @@ def script_path(name: str) -> Path:
     if found is None:
         raise ConfigError(
             f"edit script {name} does not exist; expected a file or the name of an example; "
-            f"{nearest(name, tuple(known))}"
+            f"{nearest(name, known)}"
         )
     return found
 

@@ -1,64 +1,55 @@
-"""Groups of lobes by the paper's criterion, and how an edit is kept to one of them."""
+"""Groups of lobes by the paper's criterion [WDR11 §5.1], and the options that name one."""
 
 from __future__ import annotations
 
-from torch import Tensor
+from typing import Any
 
+from ..config.schema import setting
 from ..errors import ConfigError
 from ..lobes.sampling import SPECULAR_WIDTH, specular_mask
 from ..model.spmm import SPMM
-from .selection import Selection
+from .selection import EVERYTHING, Selection
 
 GROUPS = ("all", "specular", "non_specular")
 
 
-def lobe_group(model: SPMM, group: str, width: float = SPECULAR_WIDTH) -> Tensor | None:
-    """Which lobes belong to a group, `[J]` bool; None for all of them.
+def lobe_group(model: SPMM, group: str, threshold: float = SPECULAR_WIDTH) -> Selection:
+    """The lobes of a group, in all texels.
 
     Args:
-        group: one of GROUPS. Lambertian and Oren-Nayar lobes are never specular, the others are
-            where their sharpness parameter makes them narrower than `width` [WDR11 §5.1].
-        width: the threshold that the paper leaves open, radians (root mean square slope of the
-            half vector).
+        model: whose lobes are selected.
+        group: one of GROUPS. Lobes of models without a width, such as Lambertian and Oren-Nayar,
+            are never specular; others are where they are narrower than `threshold`.
+        threshold: width in radians (root mean square slope of the half vector); the paper leaves
+            its value open.
 
     Raises:
-        ConfigError: unknown group, a width that is not positive, or no lobe of the model belongs
-            to it.
+        ConfigError: unknown group, a threshold that is not positive, or no lobe in the group.
     """
     if group not in GROUPS:
         raise ConfigError(f"the group of lobes is {group!r}; expected one of {', '.join(GROUPS)}.")
     if group == "all":
-        return None
-    if not width > 0.0:
-        raise ConfigError(f"the specular threshold is {width:g}; expected a positive width in rad.")
-    specular = specular_mask(model.dictionary, width)
+        return EVERYTHING
+    if not threshold > 0.0:
+        raise ConfigError(
+            f"the specular threshold is {threshold:g}; expected a positive width in rad."
+        )
+    specular = specular_mask(model.dictionary, threshold)
     chosen = specular if group == "specular" else ~specular
     if not bool(chosen.any()):
         edge = "narrower" if group == "specular" else "wider"
         raise ConfigError(
             f"the model has no {group.replace('_', '-')} lobes, as none is {edge} than "
-            f"{width:g} rad; choose another threshold, or other lobes."
+            f"{threshold:g} rad; choose another threshold, or other lobes."
         )
-    return chosen
+    return Selection(lobes=chosen)
 
 
-def entry_share(model: SPMM, lobes: Tensor | None, where: Selection | None) -> Tensor | None:
-    """The share `[N]` of each entry that is edited; None if all are, fully.
-
-    Args:
-        lobes: `[J]` bool, None for all.
-    """
-    if lobes is None:
-        return None if where is None else where.entries
-    chosen = lobes[model.index].to(model.weight)
-    return chosen if where is None else chosen * where.entries
+def group_setting(default: str = "all") -> Any:
+    """The option of an edit that names a group."""
+    return setting(default, "lobes that change: all, specular or non_specular", choices=GROUPS)
 
 
-def edited_texels(lobes: Tensor | None, where: Selection | None) -> tuple[bool, Tensor | None]:
-    """Whether an edit of colours reaches the residual, and its share `[T]`; None for all.
-
-    It does where all lobes are edited; an edit of some lobes leaves the residual alone.
-    """
-    if lobes is not None:
-        return False, None
-    return where is None or where.texels is not None, None if where is None else where.texels
+def threshold_setting() -> Any:
+    """The option of an edit or mask that tells specular lobes from others."""
+    return setting(SPECULAR_WIDTH, "width in radians below which lobes are specular", low=0.0)

@@ -1,38 +1,43 @@
-"""Edits of the lobes themselves: the dictionary is shared by texels, so masks split its lobes."""
+"""Lobes replaced where they are selected: texels share the dictionary, so a mask splits lobes."""
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from ..lobes.batch import LobeBatch
 from ..model.spmm import SPMM, SparseWeights
 from .energy import energy_factors
-from .parts import from_entries, scaled_entries, with_parts
-from .selection import Selection
+from .entries import from_entries, scaled_entries
+from .parts import with_parts
+from .selection import EVERYTHING, Selection
 
 
 def with_lobes(
-    model: SPMM, lobes: LobeBatch, where: Selection | None = None, keep_energy: bool = False
+    model: SPMM, lobes: LobeBatch, where: Selection = EVERYTHING, keep_energy: bool = False
 ) -> SPMM:
-    """The model with its J lobes replaced by others, where it is selected.
+    """The model with its lobes replaced by others where they are selected; the residual is kept.
 
-    Without selection the dictionary is replaced, entries stay as they are. With one, an entry of
-    share m and weight alpha becomes an edited one of weight m * alpha and an unedited one of
-    (1 - m) * alpha; those of weight 0 are left out. The dictionary grows only by lobes that are
-    used edited and unedited. The residual is kept.
+    Without a mask the dictionary is replaced, and entries stay. With one, an entry of share m and
+    weight alpha becomes an edited one of weight m * alpha and an unedited one of (1 - m) * alpha;
+    entries of weight 0 are left out. The dictionary grows only by lobes that are used both edited
+    and unedited.
 
     Args:
-        lobes: one for each lobe of the dictionary; unchanged ones are never split.
-        where: None for the whole texture.
-        keep_energy: weights are scaled so that every lobe reflects as much as before, averaged
-            over all lights and views.
+        model: the original, with J lobes.
+        lobes: one in place of each of the J lobes; an equal one is never split.
+        where: lobes outside of its group stay.
+        keep_energy: whether weights are scaled so that each lobe reflects as much as before,
+            averaged over all lights and views.
     """
     before = model.dictionary.detach()
+    if where.lobes is not None:
+        lobes = _chosen(where.lobes, lobes, before)
     changed = differing(before, lobes)  # [J]
     if not bool(changed.any()):
         return model
     factor = energy_factors(before, lobes, changed) if keep_energy else None
-    if where is None:
+    if where.entries is None:
         weights = model.sparse_weights
         if factor is not None:
             weight = model.weight * factor[model.index][:, None]
@@ -47,9 +52,19 @@ def with_lobes(
 
 
 def differing(before: LobeBatch, after: LobeBatch) -> Tensor:
-    """Which of J lobes are not the same to the bit, `[J]`."""
-    differs = (before.model != after.model).to(before.kappa.device)
+    """True for each of J lobes that is not the same to the bit, `[J]`."""
+    differs = before.model != after.model
     for part in ("kappa", "normal", "angle"):
         pair = getattr(before, part), getattr(after, part)
         differs = differs | (pair[0] != pair[1]).view(len(before), -1).any(1)
     return differs
+
+
+def _chosen(mask: Tensor, first: LobeBatch, second: LobeBatch) -> LobeBatch:
+    """The lobes of `first` where `mask [J]` is true, else those of `second`."""
+    return LobeBatch(
+        torch.where(mask, first.model, second.model),
+        torch.where(mask[:, None], first.kappa, second.kappa),
+        torch.where(mask[:, None], first.normal, second.normal),
+        torch.where(mask, first.angle, second.angle),
+    )

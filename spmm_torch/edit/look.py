@@ -8,23 +8,23 @@ import torch
 from torch import Tensor
 
 from ..model.spmm import SPMM
-from .selection import Selection
+from .selection import EVERYTHING, Selection
 
-# Texels that are looked at, and measured pairs of directions that they share.
+# Random texels, and measured pairs of directions that they share.
 TEXELS, PAIRS = 256, 128
-# Each texel is seen under so many pairs, and their mean counts: a pixel of a picture mixes several
-# points, lights and directions too, so it is never as colourful as the extremes of one texel.
+# Pairs that each texel is averaged over: a pixel of a picture mixes several points, lights and
+# directions too, so it is never as colourful as the extremes of one texel.
 MIXED = 16
 SEED = 0
 
 
 @dataclass(frozen=True)
 class Look:
-    """What random texels show on average under a few measured lights and views.
+    """What n random texels show on average under a few measured lights and views.
 
     Attributes:
-        colour: `[n, C]`, none below 0. Brighter ones are longer, so least squares heeds them more,
-            as it does in a picture.
+        colour: `[n, C]`, none below 0. Bright colours are long vectors, so least squares heeds
+            them most, as the eye does in a picture.
         reflection: mean of rho of each lobe over the pairs, `[J]`.
     """
 
@@ -32,35 +32,35 @@ class Look:
     reflection: Tensor
 
 
-def sample_look(model: SPMM, where: Selection | None = None, lobes: Tensor | None = None) -> Look:
+def sample_look(model: SPMM, where: Selection = EVERYTHING) -> Look:
     """Looks at random texels; views are as frequent as their projected area, lights are even.
 
     Args:
-        where: colours are multiplied by its shares; None for the whole texture.
-        lobes: `[J]` bool, only these lobes, without residual; None for all.
+        model: what is looked at.
+        where: its shares multiply the colours.
     """
     generator = torch.Generator().manual_seed(SEED)
     light = torch.randint(len(model.light), (PAIRS,), generator=generator)
     seen = model.view[:, 2].cpu().clamp(min=0.0)
     view = torch.multinomial(seen, PAIRS, replacement=True, generator=generator)
-    texel = _chosen(model, where, generator).repeat_interleave(MIXED)  # [n MIXED]
+    texel = _random_texels(model, where, generator).repeat_interleave(MIXED)  # [n MIXED]
     pair = torch.arange(len(texel), device=texel.device) % PAIRS
-    rho = _reflected(model, light, view)  # [J, P]
+    rho = _reflected(model, light, view)  # [J, PAIRS]
     count = model.lobe_count_per_texel()[texel]
     row = torch.repeat_interleave(count)  # [E]
     within = torch.arange(len(row), device=row.device) - (count.cumsum(0) - count)[row]
     entry = model.offset[texel][row] + within
-    lobe = model.index[entry]
-    shown = rho[lobe, pair[row]]
-    shown = shown if lobes is None else shown * lobes[lobe]
-    shown = shown if where is None else shown * where.entries[entry]
+    shown = rho[model.index[entry], pair[row]]
+    share = where.entry_share(model)
+    shown = shown if share is None else shown * share[entry]
     value = model.weight[entry] * shown[:, None]  # [E, C]
     colour = value.new_zeros(len(texel), value.shape[1]).index_add(0, row, value)
-    if lobes is None and (where is None or where.texels is not None):
+    if where.reaches_residual:
         cluster = model.labels[texel]
         code = model.residual.code[cluster, view.to(cluster)[pair], light.to(cluster)[pair]]
         epsilon = code.to(colour) * model.residual.scale[cluster, None]
-        colour = colour + (epsilon if where is None else epsilon * where.texels[texel, None])
+        share = where.texels
+        colour = colour + (epsilon if share is None else epsilon * share[texel, None])
     colour = colour.unflatten(0, (-1, MIXED)).mean(1) if len(texel) else colour
     return Look(colour.clamp(min=0.0), rho.mean(1))
 
@@ -71,10 +71,10 @@ def _reflected(model: SPMM, light: Tensor, view: Tensor) -> Tensor:
     return model.dictionary.detach().eval(wi[None], wo[None])
 
 
-def _chosen(model: SPMM, where: Selection | None, generator: torch.Generator) -> Tensor:
-    """Random texels `[n]` among those that are selected at all; none if there are none."""
+def _random_texels(model: SPMM, where: Selection, generator: torch.Generator) -> Tensor:
+    """Random texels `[n]` among those that the mask selects at all; none if there are none."""
     candidates = torch.arange(model.texel_count)
-    if where is not None:
+    if where.entries is not None:
         reach = torch.cat((where.entries.new_zeros(1), where.entries)).double().cumsum(0)
         touched = reach[model.offset[1:]] > reach[model.offset[:-1]]
         candidates = torch.nonzero(touched).squeeze(-1).cpu()

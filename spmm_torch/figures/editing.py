@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ..edit import Script, change_colours
-from ..edit.edit_options import HueSaturation
+from ..edit.edits.hue_saturation import HueSaturation
 from ..edit.examples import example
 from ..geometry.hemisphere import HemisphereInterpolation
 from ..model.residual import LOWEST_COSINE

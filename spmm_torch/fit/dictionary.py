@@ -58,7 +58,7 @@ class Dictionary:
         lobes: J lobes.
         atoms: their values on all pairs, each of unit norm, `[J, D]`.
         norm: norms of the values before that, `[J]`.
-        choices: for each cluster, the indices of the lobes open to it, on the CPU.
+        choices: for each cluster, the indices of the lobes open to it.
         raw: the values over the norm without the weights of the pairs, `[J, D]`; the atoms
             themselves where nothing is weighted.
     """
@@ -84,19 +84,19 @@ def merge_lobes(
     values = grid.eval(lobes)
     norm = values.norm(dim=1)
     visible = torch.nonzero(norm > 0.0).squeeze(1)
-    rank = found.error[visible.cpu()].argsort(stable=True)
-    order = visible[rank.to(visible.device)]
+    rank = found.error.to(norm.device)[visible].argsort(stable=True)
+    order = visible[rank]
     atoms = values[order] / norm[order, None]
-    owner = found.cluster[order.cpu()]
+    owner = found.cluster.to(norm.device)[order]
     if config.scope == "shared":
         kept = distinct(atoms, config.merge)
-        choices = [torch.arange(len(kept))] * cluster_count
+        choices = [torch.arange(len(kept), device=kept.device)] * cluster_count
     else:
         groups = [torch.nonzero(owner == k).squeeze(1) for k in range(cluster_count)]
-        groups = [group[distinct(atoms[group.to(atoms.device)], config.merge)] for group in groups]
+        groups = [group[distinct(atoms[group], config.merge)] for group in groups]
         kept = torch.cat(groups)
-        choices = list(torch.arange(len(kept)).split([len(group) for group in groups]))
-    where = kept.to(atoms.device)
-    lobes, atoms, norm = lobes[order][where], atoms[where], norm[order][where]
+        every = torch.arange(len(kept), device=kept.device)
+        choices = list(every.split([len(group) for group in groups]))
+    lobes, atoms, norm = lobes[order][kept], atoms[kept], norm[order][kept]
     raw = atoms if grid.scale is None else grid.unscaled.eval(lobes) / norm[:, None]
     return Dictionary(lobes, atoms, norm, choices, raw)

@@ -88,10 +88,10 @@ class DirectionGrid:
 
 
 def distinct(atoms: Tensor, limit: float) -> Tensor:
-    """Indices on the CPU of atoms `[J, D]` that no earlier kept one resembles, in their order."""
+    """Indices of atoms `[J, D]` that no earlier kept one resembles, in their order."""
     alike = (atoms @ atoms.T > limit).cpu().triu(1)
     kept = torch.ones(len(atoms), dtype=torch.bool)
     for row in range(len(atoms)):
         if kept[row]:
             kept &= ~alike[row]
-    return torch.nonzero(kept).squeeze(1)
+    return torch.nonzero(kept).squeeze(1).to(atoms.device)

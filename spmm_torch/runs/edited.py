@@ -9,16 +9,16 @@ from pathlib import Path
 import torch
 import yaml
 
-from ..runtime.atomic import new_folder, write_atomic
 from ..edit import Script
-from ..edit.script import map_paths
+from ..edit.parsing import map_paths
 from ..errors import OutputError
 from ..model.spmm import SPMM
 from ..report import write_report
 from ..report.contract import FILE_NAME, Report
 from ..report.edited import edited_report, write_edited_html
-from .folder import CONFIG, REPORT_PAGE
+from ..runtime.atomic import new_folder, write_atomic
 from ..runtime.tensor_file import MODEL_FILE
+from .folder import CONFIG, REPORT_PAGE
 
 EDITS, MASKS = "edits.yaml", "masks"
 
@@ -27,6 +27,12 @@ def edit_run(
     run: Path | str, script: Script, output: Path | str, device: torch.device | str = "cpu"
 ) -> SPMM:
     """Edits the model of a run and saves the result as another run.
+
+    Args:
+        run: folder or model file.
+        script: the edits.
+        output: the folder to make.
+        device: where the model is edited.
 
     Raises:
         SPMMError: the run cannot be read, an edit cannot be done, or `output` cannot be written.
@@ -42,14 +48,15 @@ def save_edited_run(
 ) -> None:
     """Writes the run folder of an edited model, whole or not at all.
 
-    It holds the model, the settings of the fit, `edits.yaml` (with the edits that `run` itself was
-    made by, so that it leads from the fit to this model), the pictures that are its masks, and
-    reports in which errors of the fit are unknown.
+    It holds the model, the settings of the fit, `edits.yaml`, the pictures of its masks, and
+    reports in which errors of the fit are unknown. If `run` is an edited run itself, `edits.yaml`
+    begins with its edits, so that it leads from the fit to this model.
 
     Args:
         run: folder or model file that was edited.
-        before, after: its model, and the edited one.
-        script: what lies between them.
+        before: its model.
+        after: the edited model.
+        script: the edits that lead from `before` to `after`.
         output: the folder to make.
 
     Raises:

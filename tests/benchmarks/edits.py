@@ -23,6 +23,7 @@ from spmm_torch.edit import (
     copy_look,
     hue_saturation,
     intensity,
+    lobe_group,
     replace_model,
     residual_strength,
     rotate_tangent,
@@ -39,20 +40,20 @@ BOUND = 0.05  # seconds that an edit without a mask may take
 
 def edits_of(model: SPMM) -> dict[str, Callable[[], SPMM]]:
     """Every edit by its name."""
-    other = intensity(model, 0.5)
+    other, specular = intensity(model, 0.5), lobe_group(model, "specular")
     return {
         "intensity": lambda: intensity(model, 1.5),
-        "intensity, specular": lambda: intensity(model, 1.5, group="specular"),
+        "intensity, specular": lambda: intensity(model, 1.5, specular),
         "hue_saturation": lambda: hue_saturation(model, 1.0, 0.8),
         "hue_saturation, more saturated": lambda: hue_saturation(model, 1.0, 1.5),
         "hue_saturation, unit": lambda: hue_saturation(model, 1.0, 0.8, fit="unit"),
-        "hue_saturation, specular": lambda: hue_saturation(model, 1.0, 0.8, group="specular"),
-        "scale_width": lambda: scale_width(model, 0.5),
-        "scale_width, energy kept": lambda: scale_width(model, 0.5, keep_energy=True),
+        "hue_saturation, specular": lambda: hue_saturation(model, 1.0, 0.8, specular),
+        "scale_width": lambda: scale_width(model, 0.5, specular),
+        "scale_width, energy kept": lambda: scale_width(model, 0.5, specular, keep_energy=True),
         "spread_normals": lambda: spread_normals(model, 1.5),
         "rotate_tangent": lambda: rotate_tangent(model, 0.5),
         "set_parameter": lambda: set_parameter(model, "f0", 0.5),
-        "replace_model, specular": lambda: replace_model(model, "ward", group="specular"),
+        "replace_model, specular": lambda: replace_model(model, "ward", specular),
         "residual_strength": lambda: residual_strength(model, 0.5),
         "blend": lambda: blend(model, other, 0.5),
         "copy_look": lambda: copy_look(model, Rectangle(0, 0, 64, 64)),

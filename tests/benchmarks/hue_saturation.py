@@ -18,7 +18,7 @@ from torch import Tensor
 
 from spmm_torch import SPMM
 from spmm_torch.edit import change_colours, hue_saturation
-from spmm_torch.edit.recolour import FITS
+from spmm_torch.edit.edits.hue_saturation import FITS
 from spmm_torch.render import (
     Camera,
     CosineSampled,

@@ -6,6 +6,8 @@ import torch
 from torch import Tensor
 
 from spmm_torch import SPMM
+from spmm_torch.edit.entries import entry_texels
+from spmm_torch.lobes.sampling import LobeTable, lobe_intensity
 
 PAIRS = ((0, 0), (3, 5), (9, 2), (14, 14))
 
@@ -25,3 +27,11 @@ def check_valid(model: SPMM) -> None:
     again = SPMM.from_tensors(*model.to_tensors())
     assert torch.equal(look(again), look(model))
     assert model.labels.max() < model.cluster_count
+
+
+def albedo(model: SPMM) -> Tensor:
+    """Mean of each texel's lobes over all lights and views, `[T, C]`, by many samples."""
+    lobes = model.dictionary.detach()
+    mean = lobe_intensity(lobes, LobeTable.build(lobes), 8192)
+    value = model.weight.detach() * mean[model.index, None]
+    return torch.zeros(model.texel_count, 3).index_add(0, entry_texels(model), value)

@@ -23,7 +23,7 @@ from spmm_torch.edit.energy import (
 from spmm_torch.fit import fit
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.sampling import LobeTable, lobe_intensity
-from tests.edit.test_lobes import albedo
+from tests.edit.looks import albedo
 
 
 def upright(name: str, *kappa: float) -> LobeBatch:

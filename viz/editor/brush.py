@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ...edit.mask_options import PictureMask, RectangleMask
+from ...edit import Rectangle
+from ...edit.masks.picture import PictureMask
 
 Point = tuple[float, float]  # from the left and from the top of the texture, each 0 to 1
 
 
-def rectangle_between(first: Point, second: Point, height: int, width: int) -> RectangleMask:
+def rectangle_between(first: Point, second: Point, height: int, width: int) -> Rectangle:
     """The rectangle of texels that two corners touch."""
     columns = sorted(_place(point[0], width) for point in (first, second))
     rows = sorted(_place(point[1], height) for point in (first, second))
-    return RectangleMask(columns[0], rows[0], columns[1] - columns[0] + 1, rows[1] - rows[0] + 1)
+    return Rectangle(columns[0], rows[0], columns[1] - columns[0] + 1, rows[1] - rows[0] + 1)
 
 
 def texel_under(point: Point, height: int, width: int) -> int:

@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...edit.mask_options import ClusterMask, Mask
+from ...edit import Mask
+from ...edit.masks.cluster import ClusterMask
 from .brush import Point, painted, picture_mask, rectangle_between, texel_under
 from .preview import selection_codes
 from .session import Session

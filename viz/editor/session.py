@@ -9,10 +9,8 @@ from pathlib import Path
 import torch
 import yaml
 
-from ...edit import Script
-from ...edit.mask_options import Mask
-from ...edit.script import Step
-from ...errors import ConfigError, SPMMError
+from ...edit import Mask, Script, Step, lobe_group
+from ...errors import ConfigError
 from ...model.spmm import SPMM
 from ...runs.edited import save_edited_run
 from .sliders import BY_NAME, NEUTRAL, SLIDERS, steps_of
@@ -197,12 +195,9 @@ class Session:
         return {slider.name: self._has_group(slider.group) for slider in SLIDERS}
 
     def _has_group(self, group: str | None) -> bool:
-        if group is None:
-            return True
-        name = next(slider.name for slider in SLIDERS if slider.group == group)
         try:
-            steps_of({name: 2.0}, None)[0].apply(self.original)
-        except SPMMError:
+            lobe_group(self.original, group or "all")
+        except ConfigError:
             return False
         return True
 

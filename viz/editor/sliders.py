@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ...edit import Step
-from ...edit.edit_options import (
-    Edit,
-    HueSaturation,
-    Intensity,
-    ResidualStrength,
-    RotateTangent,
-    ScaleWidth,
-    SpreadNormals,
-)
-from ...edit.mask_options import Mask
+from ...edit import Edit, Mask, Step
+from ...edit.edits.hue_saturation import HueSaturation
+from ...edit.edits.intensity import Intensity
+from ...edit.edits.residual_strength import ResidualStrength
+from ...edit.edits.rotate_tangent import RotateTangent
+from ...edit.edits.scale_width import ScaleWidth
+from ...edit.edits.spread_normals import SpreadNormals
 
 SPECULAR, NON_SPECULAR = "specular", "non_specular"
 

@@ -63,7 +63,7 @@ def _groups(
     shared = all(len(choice) == len(dictionary.lobes) for choice in dictionary.choices)
     owner = torch.zeros_like(texels) if shared else labels[texels]
     for cluster in torch.unique(owner).tolist():
-        own, choice = texels[owner == cluster], dictionary.choices[cluster].to(problem.device)
+        own, choice = texels[owner == cluster], dictionary.choices[cluster]
         products = cluster_products(
             lambda part, own=own: problem.signals(own[part]),
             [slice(0, len(own))],

@@ -58,7 +58,7 @@ def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feas
         for shape in rows:
             kappa = normals.new_zeros(len(normals), MAX_PARAMETERS)
             kappa[:, : len(shape)] = normals.new_tensor(shape)
-            model = torch.full((len(normals),), MODEL_NAMES.index(name))
+            model = torch.full((len(normals),), MODEL_NAMES.index(name), device=normals.device)
             batches.append(LobeBatch(model, kappa, normals, normals.new_zeros(len(normals))))
     lobes = LobeBatch.cat(batches)
     coordinates = feasible.project(lobes.model, encode(lobes))

@@ -94,7 +94,7 @@ class CorrectiveSearch:
         samples, channels, _ = self.signals.shape
         slots = self.config.max_lobes
         return Mixtures(
-            torch.zeros(samples, slots, dtype=torch.long),
+            self.signals.new_zeros(samples, slots, dtype=torch.long),
             self.signals.new_zeros(samples, slots, COORDINATES),
             self.signals.new_zeros(samples, slots, dtype=torch.bool),
             self.signals.new_zeros(samples, slots, channels),
@@ -160,7 +160,7 @@ class CorrectiveSearch:
         self.tally.count(Solver.FOBA, chosen.status)
         self.tally.count(Solver.NNLS, chosen.nnls_status)
         start = self._empty().take(rows)
-        start.model[:] = pool.model[chosen.index.clamp(min=0).cpu()]
+        start.model[:] = pool.model[chosen.index.clamp(min=0)]
         start.coordinates[:] = coordinates[chosen.index.clamp(min=0)]
         start.present[:] = chosen.index >= 0
         trial = self._refine(start, rows, self.config.refine_steps)
@@ -171,7 +171,7 @@ class CorrectiveSearch:
         """Known lobes, then those of all samples, the best fits first; no two alike."""
         order = (mixtures.loss / self.energy.clamp(min=TINY)).argsort(stable=True)
         used = mixtures.present[order]
-        own = decode(mixtures.model[order.cpu()][used.cpu()], mixtures.coordinates[order][used])
+        own = decode(mixtures.model[order][used], mixtures.coordinates[order][used])
         lobes = LobeBatch.cat([self.known, own])
         atoms = self.grid.eval(lobes)
         atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
@@ -193,10 +193,8 @@ class CorrectiveSearch:
         starts = self._starts(mixtures, rows, restarts)  # [R, s], indices into the bank
         slot = (~mixtures.present).to(torch.int8).argmax(1)  # the first free one, [s]
         trials = [self._with_lobe(mixtures, slot, start) for start in starts]
-        joined = Mixtures(
-            torch.cat([trial.model for trial in trials]),
-            *(torch.cat(x) for x in zip(*(trial.tensors() for trial in trials), strict=True)),
-        )
+        columns = zip(*(trial.tensors() for trial in trials), strict=True)
+        joined = Mixtures(*(torch.cat(column) for column in columns))
         refined = self._refine(joined, rows.repeat(len(starts)), self.config.refine_steps)
         which = best_start(refined.loss.view(len(starts), -1))  # [s]
         return refined.take(which * len(rows) + torch.arange(len(rows), device=which.device))
@@ -210,12 +208,7 @@ class CorrectiveSearch:
         error = self._errors(mixtures, rows)  # [s, C, D]
         score = (self.bank.atoms @ error.flatten(0, 1).T).clamp(min=0.0).square()  # [A, s C]
         score = score.view(len(score), len(rows), -1).sum(2)  # [A, s]
-        model = self.bank.lobes.model.to(score.device)
-        present = torch.unique(self.bank.lobes.model).tolist()
-        leaders = []
-        for index in present:
-            own = torch.nonzero(model == index).squeeze(1)
-            leaders.append(own[score[own].argmax(0)])
+        leaders = [own[score[own].argmax(0)] for _, own in self.bank.lobes.by_model()]
         best = torch.stack(leaders)  # [models, s]
         order = score.gather(0, best).argsort(dim=0, descending=True)
         best = best.gather(0, order)
@@ -237,7 +230,7 @@ class CorrectiveSearch:
         """The mixtures with bank lobe `atom [s]` in `slot [s]`."""
         row = torch.arange(len(slot), device=slot.device)
         model = mixtures.model.clone()
-        model[row.cpu(), slot.cpu()] = self.bank.lobes.model[atom.cpu()]
+        model[row, slot] = self.bank.lobes.model[atom]
         coordinates = mixtures.coordinates.clone()
         coordinates[row, slot] = self.bank.coordinates[atom]
         present = mixtures.present.scatter(1, slot[:, None], True)
@@ -250,10 +243,10 @@ class CorrectiveSearch:
         for chunk in self._chunks(len(rows)):
             model = mixtures.model[chunk, :used]
             result = refine_mixtures(
-                lambda x, i, model=model: self.grid.values(model[i.cpu()], x),
-                lambda x, i, model=model: self.grid.jacobian(model[i.cpu()], x),
+                lambda x, i, model=model: self.grid.values(model[i], x),
+                lambda x, i, model=model: self.grid.jacobian(model[i], x),
                 lambda x, i, model=model: self.feasible.project(
-                    model[i.cpu()].reshape(-1), x.flatten(0, 1)
+                    model[i].reshape(-1), x.flatten(0, 1)
                 ).view_as(x),
                 mixtures.coordinates[chunk, :used],
                 mixtures.present[chunk, :used],

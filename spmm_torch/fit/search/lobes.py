@@ -87,7 +87,7 @@ def _found(mixtures: Mixtures, clusters: Tensor, signals: Tensor, tally: StartTa
     """All lobes that carry weight, and how well the sample of each is fit."""
     used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
     host = used.cpu()
-    lobes = decode(mixtures.model[host], mixtures.coordinates[used])
+    lobes = decode(mixtures.model[used], mixtures.coordinates[used])
     energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
     cluster, error = (x.cpu()[:, None].expand(host.shape)[host] for x in (clusters, error))

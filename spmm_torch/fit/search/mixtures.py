@@ -12,7 +12,7 @@ class Mixtures:
     """Lobes of S samples, M at most each.
 
     Attributes:
-        model: `[S, M]` on the CPU.
+        model: `[S, M]`.
         coordinates: search coordinates `[S, M, P]`.
         present: `[S, M]`, False for padding.
         weights: `[S, M, C]`.
@@ -27,14 +27,13 @@ class Mixtures:
 
     def take(self, rows: Tensor) -> Mixtures:
         """The mixtures of some samples."""
-        return Mixtures(self.model[rows.cpu()], *(x[rows] for x in self.tensors()))
+        return Mixtures(*(part[rows] for part in self.tensors()))
 
     def put(self, rows: Tensor, other: Mixtures) -> None:
         """Overwrites the mixtures of some samples in place."""
-        self.model[rows.cpu()] = other.model
         for mine, theirs in zip(self.tensors(), other.tensors(), strict=True):
             mine[rows] = theirs
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """All parts but the model, which lies on the CPU."""
-        return self.coordinates, self.present, self.weights, self.loss
+        """All parts in their order."""
+        return self.model, self.coordinates, self.present, self.weights, self.loss

@@ -51,20 +51,20 @@ class SpanSearch:
 
     def run(self) -> LobeBatch:
         """Lobes that lie in the space, no two alike."""
-        model = torch.zeros(0, dtype=torch.long)
+        model = self.space.new_zeros(0, dtype=torch.long)
         coordinates = self.space.new_zeros(0, COORDINATES)
         for _ in range(ROUNDS if len(self.space) else 0):
             found = len(model)
             basis = torch.linalg.qr(self._atoms(model, coordinates).T).Q.T  # [found, D]
             start = self._starts(basis)
-            trial_model = self.bank.lobes.model[start.cpu()]
+            trial_model = self.bank.lobes.model[start]
             trial, distance = self._descend(trial_model, self.bank.coordinates[start], basis)
             inside = torch.nonzero(distance < INSIDE).squeeze(1)
             inside = inside[distance[inside].argsort()]
-            model = torch.cat((model, trial_model[inside.cpu()]))
+            model = torch.cat((model, trial_model[inside]))
             coordinates = torch.cat((coordinates, trial[inside]))
             kept = distinct(self._atoms(model, coordinates), SAME_LOBE)
-            model, coordinates = model[kept], coordinates[kept.to(coordinates.device)]
+            model, coordinates = model[kept], coordinates[kept]
             if len(model) == found or len(model) >= len(self.space):
                 break
         return decode(model, coordinates)
@@ -80,11 +80,10 @@ class SpanSearch:
         inside = (self.bank.atoms @ self.space.T).square().sum(1) - along
         score = (inside / (1.0 - along).clamp(min=TINY)).clamp(max=1.0)
         chosen = []
-        for index in torch.unique(self.bank.lobes.model).tolist():
-            own = torch.nonzero(self.bank.lobes.model == index).squeeze(1).to(score.device)
+        for _, own in self.bank.lobes.by_model():
             best = own[score[own].argsort(descending=True)[:CANDIDATES]]
             kept = distinct(self.bank.atoms[best], START_LIKENESS)[:STARTS]
-            chosen.append(best[kept.to(best.device)])
+            chosen.append(best[kept])
         return torch.cat(chosen)
 
     def _descend(self, model: Tensor, start: Tensor, basis: Tensor) -> tuple[Tensor, Tensor]:
@@ -100,7 +99,7 @@ class SpanSearch:
             rows = torch.nonzero(distance > EXACT).squeeze(1)
             if not len(rows):
                 break
-            own = model[rows.cpu()]
+            own = model[rows]
             step = damped_step(*self._slopes(own, coordinates[rows], basis), damping[rows])
             trial = self.feasible.project(own, coordinates[rows] + step.to(start.dtype))
             there = self._distance(own, trial, basis)
@@ -171,6 +170,6 @@ def _peaks(space: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible) -
     weight = space.square().sum(0)  # the leverage of each pair, [D]
     light, view = grid.at(weight.topk(min(PEAKS, len(weight))).indices)
     half = torch.nn.functional.normalize(light + view, dim=1)
-    used = {MODEL_NAMES[index] for index in torch.unique(bank.lobes.model).tolist()}
+    used = {MODEL_NAMES[index] for index, _ in bank.lobes.by_model()}
     shapes = {name: rows for name, rows in PEAK_SHAPES.items() if name in used}
     return bank_at(grid, shapes, half, feasible) if shapes else bank

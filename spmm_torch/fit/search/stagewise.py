@@ -41,7 +41,7 @@ Advance = Callable[[int], None]
 class _Path:
     """The growing lobes of S samples; M slots."""
 
-    model: Tensor  # [S, M] on the CPU
+    model: Tensor  # [S, M]
     coordinates: Tensor  # [S, M, P]
     atoms: Tensor  # [S, M, D], unit norm
     weights: Tensor  # [S, C, M], multiples of eta
@@ -125,7 +125,7 @@ class StagewiseSearch:
     def _start(self, samples: int, channels: int, width: int) -> _Path:
         device, slots = self.signals.device, self.config.max_lobes
         return _Path(
-            torch.zeros(samples, slots, dtype=torch.long),
+            torch.zeros(samples, slots, dtype=torch.long, device=device),
             torch.zeros(samples, slots, COORDINATES, device=device),
             torch.zeros(samples, slots, width, device=device),
             torch.zeros(samples, channels, slots, device=device),
@@ -187,27 +187,25 @@ class StagewiseSearch:
         new = ~known
         where, place = rows[new], slot[new]
         chosen = (torch.arange(len(rows), device=rows.device), channel)
-        path.model[where.cpu(), place.cpu()] = model[chosen[0].cpu(), channel.cpu()][new.cpu()]
+        path.model[where, place] = model[chosen][new]
         path.coordinates[where, place] = coordinates.view(*error.shape[:2], -1)[chosen][new]
         path.atoms[where, place] = atom[new]
         path.count[where] += 1
         return slot
 
     def _search(self, rows: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """Eq. 5 for every sample and channel: (model `[s, C]` on the CPU, coordinates `[s C, P]`).
+        """Eq. 5 for every sample and channel: (model `[s, C]`, coordinates `[s C, P]`).
 
         The bank gives the start of every model; the winner is judged on all direction pairs.
         """
         signals = error.flatten(0, 1)  # [s C, D]
         score = self.bank.atoms @ signals.T  # [A, s C]
-        owner = self.bank.lobes.model.to(score.device)
-        best_model = torch.zeros(len(signals), dtype=torch.long)
+        best_model = signals.new_zeros(len(signals), dtype=torch.long)
         best_value = torch.full((len(signals),), -torch.inf, device=signals.device)
         best = torch.zeros(len(signals), COORDINATES, device=signals.device)
-        for index in torch.unique(self.bank.lobes.model).tolist():
-            own = torch.nonzero(owner == index).squeeze(1)
+        for index, own in self.bank.lobes.by_model():
             start = self.bank.coordinates[own[score[own].argmax(0)]]  # [s C, P]
-            model = torch.full((len(signals),), index)
+            model = torch.full_like(best_model, index)
             found = self._climb(model, start, rows, error)
             value = self._correlation(model, found, signals)
             kept = self._correlation(model, start, signals)  # the draw of pairs may mislead
@@ -216,7 +214,7 @@ class StagewiseSearch:
             better = value > best_value
             best_value = torch.where(better, value, best_value)
             best = torch.where(better[:, None], found, best)
-            best_model[better.cpu()] = index
+            best_model = torch.where(better, index, best_model)
         return best_model.view(error.shape[:2]), best
 
     def _correlation(self, model: Tensor, coordinates: Tensor, signals: Tensor) -> Tensor:
@@ -269,7 +267,7 @@ class _Correlation:
     """Minus Eq. (5) of R rows on their own N pairs, and its gradient.
 
     Attributes:
-        model: `[R]` on the CPU.
+        model: `[R]`.
         pairs, importance: `[R, N]`.
         target: what is left of the signal there, times importance, `[R, N]`.
     """

@@ -152,7 +152,7 @@ def _clusters_at_once(stage: SelectStage, clusters: int) -> tuple[int, int]:
 def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit:
     dictionary, config = stage.dictionary, stage.problem.config
     context = stage.problem.context
-    where = dictionary.choices[cluster].to(dictionary.atoms.device)
+    where = dictionary.choices[cluster]
     start, size, solvers = None, config.select.pilot, StatusCounts.none()
     if size is not None and len(texels) > PILOTS * size:
         some = _pilot(context.generator(f"pilot-{cluster}"), texels, size)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from spmm_torch import SPMM
-from spmm_torch.edit.mask_options import ClusterMask, RectangleMask
+from spmm_torch.edit import Rectangle
+from spmm_torch.edit.masks.cluster import ClusterMask
 from spmm_torch.viz.editor.brush import painted, picture_mask, rectangle_between, texel_under
 from spmm_torch.viz.editor.drawing import Drawing
 from spmm_torch.viz.editor.session import Session
@@ -16,11 +17,11 @@ from spmm_torch.viz.editor.session import Session
 
 @pytest.mark.parametrize("corners", [((0.1, 0.2), (0.6, 0.9)), ((0.6, 0.9), (0.1, 0.2))])
 def test_rectangles_hold_the_texels_of_both_corners(corners) -> None:  # noqa: ANN001
-    assert rectangle_between(*corners, height=10, width=20) == RectangleMask(2, 2, 11, 8)
+    assert rectangle_between(*corners, height=10, width=20) == Rectangle(2, 2, 11, 8)
 
 
 def test_rectangles_stay_inside() -> None:
-    assert rectangle_between((-0.3, 0.5), (1.4, 0.5), 8, 8) == RectangleMask(0, 4, 8, 1)
+    assert rectangle_between((-0.3, 0.5), (1.4, 0.5), 8, 8) == Rectangle(0, 4, 8, 1)
 
 
 def test_texels_count_from_the_upper_left() -> None:
@@ -66,7 +67,7 @@ def test_a_rectangle_is_shown_while_it_is_dragged_and_selected_at_the_end(
     assert not np.array_equal(drawing.picture(), plain)
     assert drawing.session.mask is None
     drawing.drop((0.6, 0.3))
-    assert drawing.session.mask == RectangleMask(0, 0, 5, 3)
+    assert drawing.session.mask == Rectangle(0, 0, 5, 3)
     drawing.choose("all")
     assert drawing.session.mask is None
     assert np.array_equal(drawing.picture(), plain)

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from spmm_torch import SPMM
-from spmm_torch.edit import Script
-from spmm_torch.edit.mask_options import ClusterMask, RectangleMask
+from spmm_torch.edit import Rectangle, Script
+from spmm_torch.edit.masks.cluster import ClusterMask
 from spmm_torch.errors import ConfigError, OutputError
 from spmm_torch.viz.editor.session import Session
 from spmm_torch.viz.editor.sliders import NEUTRAL, SLIDERS, edits_of
@@ -86,7 +86,7 @@ def test_moving_back_to_neutral_leaves_no_edit(session: Session) -> None:
 
 
 def test_edits_stay_where_they_were_made(session: Session) -> None:
-    left = RectangleMask(0, 0, 4, 8)
+    left = Rectangle(0, 0, 4, 8)
     session.select(left)
     session.move("intensity", 2.0)
     session.select(None)
@@ -159,7 +159,7 @@ def test_the_model_is_that_of_the_script(session: Session) -> None:
 
 
 def test_saved_runs_are_what_was_shown(session: Session, tmp_path: Path) -> None:
-    session.select(RectangleMask(2, 2, 3, 3))
+    session.select(Rectangle(2, 2, 3, 3))
     session.move("hue", -100.0)
     session.save(tmp_path / "run2")
     assert same(SPMM.load(tmp_path / "run2"), session.model())

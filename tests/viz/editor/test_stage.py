@@ -14,6 +14,7 @@ from spmm_torch.config.render import RenderSettings
 from spmm_torch.edit import (
     hue_saturation,
     intensity,
+    lobe_group,
     residual_strength,
     scale_width,
     select_texels,
@@ -44,13 +45,14 @@ def masked(model: SPMM) -> SPMM:
     """Lobes that are edited in a part of the texture: another structure."""
     mask = torch.zeros(model.height, model.width)
     mask[:, 5:11] = 1.0
-    return scale_width(model, 0.5, select_texels(model, mask))
+    where = select_texels(model, mask) & lobe_group(model, "specular")
+    return scale_width(model, 0.5, where)
 
 
 EDITS: dict[str, Callable[[SPMM], SPMM]] = {
     "intensity": lambda model: intensity(model, 1.7),
     "hue": lambda model: hue_saturation(model, 1.0, 1.2),
-    "width": lambda model: scale_width(model, 0.6),
+    "width": lambda model: scale_width(model, 0.6, lobe_group(model, "specular")),
     "normals": lambda model: spread_normals(model, 1.8),
     "residual": lambda model: residual_strength(model, 0.3),
     "masked": masked,

@@ -1,4 +1,4 @@
-"""Blends of two models, and copied regions."""
+"""Blends of two models."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ import torch
 
 from spmm_torch import SPMM, ConfigError
 from spmm_torch.edit import (
-    Rectangle,
     Stripes,
     blend,
-    copy_look,
     intensity,
+    lobe_group,
     lobe_selection,
-    rearranged,
     select_texels,
     spread_normals,
 )
@@ -73,31 +71,6 @@ def test_blend_under_a_mask(model: SPMM, other: SPMM) -> None:
         check_valid(each)
 
 
-def test_copied_region(model: SPMM) -> None:
-    target = Rectangle(4, 2, 3, 3).mask(model)
-    edited = copy_look(model, Rectangle(0, 1, 2, 2), select_texels(model, target))
-    picture, before = (look(each).unflatten(1, (8, 8)) for each in (edited, model))
-    for row in range(8):
-        for column in range(8):
-            source = (row, column)
-            if target[row, column] > 0.0:
-                source = (1 + (row - 2) % 2, (column - 4) % 2)
-            torch.testing.assert_close(picture[:, row, column], before[:, source[0], source[1]])
-    assert len(edited.lobe_model) <= len(model.lobe_model)
-    check_valid(edited)
-
-
-def test_copy_everywhere_tiles_the_texture(model: SPMM) -> None:
-    tiled = look(copy_look(model, Rectangle(2, 3, 4, 2))).unflatten(1, (8, 8))
-    torch.testing.assert_close(tiled[:, :, :4], tiled[:, :, 4:])
-    torch.testing.assert_close(tiled[:, :2], tiled[:, 2:4])
-
-
-def test_rearranged(model: SPMM) -> None:
-    origin = torch.randint(64, (64,), generator=torch.Generator().manual_seed(2))
-    torch.testing.assert_close(look(rearranged(model, origin)), look(model)[:, origin])
-
-
 def test_bad_input(model: SPMM, other: SPMM) -> None:
     with pytest.raises(ConfigError, match="8 x 8 texels with 3 channels and 6 x 6 texels"):
         blend(model, planted_model(size=6, rings=RINGS), 0.5)
@@ -105,15 +78,9 @@ def test_bad_input(model: SPMM, other: SPMM) -> None:
         blend(model, planted_model(rings=((0.0, 1), (20.0, 6), (60.0, 10))), 0.5)
     with pytest.raises(ConfigError, match="amount of a blend is 1.5; expected 0 to 1"):
         blend(model, other, 1.5)
-    where = lobe_selection(model, specular=True)
-    for edit in (
-        lambda: blend(model, other, 0.5, where),
-        lambda: copy_look(model, Rectangle(0, 0, 1, 1), where),
-    ):
-        with pytest.raises(ConfigError, match="takes whole texels"):
-            edit()
-    with pytest.raises(ConfigError, match="reaches out of the texture"):
-        copy_look(model, Rectangle(7, 7, 2, 1))
+    for where in (lobe_selection(model, specular=True), lobe_group(model, "specular")):
+        with pytest.raises(ConfigError, match="a blend takes whole texels"):
+            blend(model, other, 0.5, where)
 
 
 def test_edits_after_a_blend(model: SPMM, other: SPMM) -> None:

@@ -1,4 +1,4 @@
-"""Selections: what they select, how they combine, and what they refuse."""
+"""What each kind of mask selects, and what it refuses."""
 
 from __future__ import annotations
 
@@ -19,22 +19,10 @@ from spmm_torch.edit import (
     lobe_group,
     lobe_selection,
     picture_selection,
-    select_lobes,
-    select_texels,
     widths,
 )
-from spmm_torch.edit.parts import entry_texels
 
 UP = torch.tensor([0.0, 0.0, 1.0])
-
-
-def test_entries_follow_their_texels(model: SPMM) -> None:
-    mask = torch.rand(8, 8, generator=torch.Generator().manual_seed(4))
-    where = select_texels(model, mask)
-    assert torch.equal(where.texels, mask.flatten())
-    assert torch.equal(where.entries, mask.flatten()[entry_texels(model)])
-    assert torch.equal(select_texels(model, mask.flatten()).entries, where.entries)
-    assert set(select_texels(model, mask > 0.5).entries.tolist()) == {0.0, 1.0}
 
 
 def test_rectangle(model: SPMM) -> None:
@@ -99,9 +87,10 @@ def test_colour_range(model: SPMM) -> None:
 
 def test_lobe_properties(model: SPMM) -> None:
     lobes = model.dictionary
+    specular, other = (lobe_group(model, name).lobes for name in ("specular", "non_specular"))
     for found, expected in (
-        (lobe_selection(model, specular=True), lobe_group(model, "specular")),
-        (lobe_selection(model, specular=False), lobe_group(model, "non_specular")),
+        (lobe_selection(model, specular=True), specular),
+        (lobe_selection(model, specular=False), other),
         (lobe_selection(model, width=(0.0, 0.3)), widths(lobes) <= 0.3),
         (
             lobe_selection(model, elevation=(math.radians(85.0), math.pi / 2.0)),
@@ -109,8 +98,7 @@ def test_lobe_properties(model: SPMM) -> None:
         ),
         (
             lobe_selection(model, models=["ward", "lafortune"], specular=True),
-            torch.tensor([name in ("ward", "lafortune") for name in lobes.names()])
-            & lobe_group(model, "specular"),
+            torch.tensor([name in ("ward", "lafortune") for name in lobes.names()]) & specular,
         ),
     ):
         assert torch.equal(found.entries > 0.0, expected[model.index])
@@ -119,25 +107,3 @@ def test_lobe_properties(model: SPMM) -> None:
         assert found.texels is None
     with pytest.raises(ConfigError, match="unknown BRDF wart"):
         lobe_selection(model, models=["wart"])
-
-
-def test_combinations(model: SPMM) -> None:
-    generator = torch.Generator().manual_seed(1)
-    a, b = (select_texels(model, torch.rand(64, generator=generator)) for _ in range(2))
-    torch.testing.assert_close((a & b).texels, a.texels * b.texels)
-    torch.testing.assert_close((a | b).entries, torch.maximum(a.entries, b.entries))
-    torch.testing.assert_close((~a).texels, 1.0 - a.texels)
-    specular = lobe_selection(model, specular=True)
-    for mixed in (a & specular, specular | b, ~specular):
-        assert mixed.texels is None
-    assert torch.equal((a & specular).entries, a.entries * specular.entries)
-
-
-def test_wrong_sizes_and_values(model: SPMM) -> None:
-    with pytest.raises(ConfigError, match="mask has 7 x 8 texels, the texture 8 x 8"):
-        select_texels(model, torch.ones(8, 7))
-    for value in (1.5, -0.1, float("nan")):
-        with pytest.raises(ConfigError, match="outside of 0 to 1"):
-            select_texels(model, torch.full((8, 8), value))
-    with pytest.raises(ConfigError, match="has 3 values; expected one for each of the 12 lobes"):
-        select_lobes(model, torch.ones(3, dtype=torch.bool))

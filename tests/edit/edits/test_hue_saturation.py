@@ -1,90 +1,27 @@
-"""Hue and saturation: the exact change, its linear approximations, and the edit."""
+"""The edit of hue and saturation."""
 
 from __future__ import annotations
 
-import colorsys
 import math
 
 import pytest
 import torch
 
 from spmm_torch import SPMM, ConfigError
-from spmm_torch.edit import Rectangle, hue_saturation, lobe_group, residual_strength, select_texels
-from spmm_torch.edit.colour import (
-    MAX_SATURATION,
+from spmm_torch.edit import (
+    Rectangle,
     change_colours,
-    change_table,
-    linear_change,
-    linear_changes,
-    unit_colours,
+    hue_saturation,
+    lobe_group,
+    residual_strength,
+    select_texels,
 )
+from spmm_torch.edit.edits.hue_saturation import non_negative
+from spmm_torch.edit.entries import entry_texels
 from spmm_torch.edit.look import sample_look
-from spmm_torch.edit.parts import entry_texels, with_parts
-from spmm_torch.edit.recolour import non_negative
+from spmm_torch.edit.parts import with_parts
 from spmm_torch.model.spmm import SparseWeights
 from tests.edit.looks import check_valid, look
-
-COLOURS = torch.rand(200, 3, generator=torch.Generator().manual_seed(1))
-
-
-def by_colorsys(rgb: list[float], hue: float, saturation: float) -> tuple[float, ...]:
-    """The change by the standard library."""
-    h, s, v = colorsys.rgb_to_hsv(*rgb)
-    return colorsys.hsv_to_rgb((h + hue / (2.0 * math.pi)) % 1.0, min(1.0, s * saturation), v)
-
-
-@pytest.mark.parametrize(("hue", "saturation"), [(2.0, 1.0), (-1.9, 0.4), (0.0, 1.7), (5.0, 0.0)])
-def test_exact_change_is_that_of_the_standard_library(hue: float, saturation: float) -> None:
-    expected = torch.tensor([by_colorsys(rgb, hue, saturation) for rgb in COLOURS.tolist()])
-    torch.testing.assert_close(
-        change_colours(COLOURS, hue, saturation), expected, rtol=1e-4, atol=1e-5
-    )
-
-
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e4])
-def test_exact_change_keeps_scale(scale: float) -> None:
-    """e(s c) = s e(c): dark colours keep their saturation, bright ones are not clipped."""
-    torch.testing.assert_close(
-        change_colours(scale * COLOURS, 1.0, 1.2) / scale, change_colours(COLOURS, 1.0, 1.2)
-    )
-    assert torch.equal(change_colours(-COLOURS, 1.0, 1.2), torch.zeros_like(COLOURS))
-
-
-@pytest.mark.parametrize(("hue", "saturation"), [(0.7, 1.3), (-2.0, 0.5)])
-def test_closed_form_is_least_squares(hue: float, saturation: float) -> None:
-    """[WDR11 Eq. 6] solved by a library."""
-    colours = unit_colours(500)
-    exact = change_colours(colours, hue, saturation)
-    expected = torch.linalg.lstsq(colours, exact).solution.T
-    found = linear_changes(colours, torch.tensor([0.0, hue]), torch.tensor([saturation, 1.0]))
-    torch.testing.assert_close(found[1, 0], expected, rtol=1e-6, atol=1e-6)
-    torch.testing.assert_close(found[0, 1], torch.eye(3, dtype=torch.float64))
-
-
-def test_unit_colours_fill_the_positive_octant() -> None:
-    colours = unit_colours()
-    assert colours.shape == (10_000, 3)
-    torch.testing.assert_close(colours.norm(dim=1), torch.ones(10_000, dtype=torch.float64))
-    assert float(colours.min()) >= 0.0
-    # The mean of a uniform direction of the octant is 1/2 along each axis.
-    torch.testing.assert_close(colours.mean(0), torch.full((3,), 0.5).double(), atol=0.01, rtol=0)
-
-
-def test_table_has_10000_changes_in_352_kb() -> None:
-    table = change_table()
-    assert table.shape == (100, 100, 3, 3)
-    assert round(table.numel() * table.element_size() / 1024) == 352
-    assert table is change_table()  # made once
-    exact = linear_changes(
-        unit_colours(), torch.tensor([2.0 * math.pi * 37 / 100]), torch.tensor([MAX_SATURATION])
-    )
-    torch.testing.assert_close(table[37, 99].double(), exact[0, 0], rtol=1e-5, atol=1e-5)
-
-
-@pytest.mark.parametrize(("hue", "saturation"), [(1.234, 0.777), (-0.02, 1.99), (6.28, 0.01)])
-def test_between_the_changes_of_the_table(hue: float, saturation: float) -> None:
-    exact = linear_changes(unit_colours(), torch.tensor([hue]), torch.tensor([saturation]))[0, 0]
-    torch.testing.assert_close(linear_change(hue, saturation).double(), exact, rtol=0.0, atol=2e-3)
 
 
 @pytest.mark.parametrize("fit", ["material", "unit"])
@@ -122,8 +59,10 @@ def test_material_fit_is_the_exact_change_of_one_hue(model: SPMM) -> None:
 
 
 def test_specular_hue_leaves_the_rest(model: SPMM) -> None:
-    edited = hue_saturation(model, 2.0, 1.5, group="specular")
-    chosen = lobe_group(model, "specular")[model.index]
+    where = lobe_group(model, "specular")
+    edited = hue_saturation(model, 2.0, 1.5, where)
+    assert where.lobes is not None
+    chosen = where.lobes[model.index]
     assert torch.equal(edited.weight[~chosen], model.weight[~chosen])
     assert not torch.equal(edited.weight[chosen], model.weight[chosen])
     assert edited.residual.code.data_ptr() == model.residual.code.data_ptr()
@@ -174,5 +113,3 @@ def test_bad_input(model: SPMM) -> None:
         hue_saturation(model, float("nan"))
     with pytest.raises(ConfigError, match="fit is 'own'; expected one of material, unit"):
         hue_saturation(model, 1.0, fit="own")
-    with pytest.raises(ConfigError, match="no specular lobes"):
-        hue_saturation(model, 1.0, group="specular", threshold=1e-3)

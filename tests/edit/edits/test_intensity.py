@@ -1,4 +1,4 @@
-"""Edits of weights: intensity, groups of lobes, the residual."""
+"""Intensity: of everything, of a group, and under masks."""
 
 from __future__ import annotations
 
@@ -6,16 +6,8 @@ import pytest
 import torch
 
 from spmm_torch import SPMM, ConfigError
-from spmm_torch.edit import (
-    Stripes,
-    intensity,
-    lobe_group,
-    lobe_selection,
-    residual_strength,
-    select_texels,
-    widths,
-)
-from spmm_torch.edit.parts import entry_texels
+from spmm_torch.edit import Stripes, intensity, lobe_group, lobe_selection, select_texels
+from spmm_torch.edit.entries import entry_texels
 from spmm_torch.edit.residual import STEPS
 from spmm_torch.render import Camera, DirectionalLight, RenderSettings, Scene, Sphere, render
 from tests.edit.looks import check_valid, look
@@ -45,18 +37,13 @@ def test_what_is_not_edited_is_shared(model: SPMM) -> None:
 
 @pytest.mark.parametrize("group", ["specular", "non_specular"])
 def test_a_group_leaves_other_lobes_and_the_residual(model: SPMM, group: str) -> None:
-    edited = intensity(model, 3.0, group=group)
-    chosen = lobe_group(model, group)[model.index]
+    where = lobe_group(model, group)
+    edited = intensity(model, 3.0, where)
+    assert where.lobes is not None
+    chosen = where.lobes[model.index]
     assert torch.equal(edited.weight[~chosen], model.weight[~chosen])
     assert torch.equal(edited.weight[chosen], 3.0 * model.weight[chosen])
     assert torch.equal(edited.residual.scale, model.residual.scale)
-
-
-def test_groups_share_all_lobes_and_follow_the_threshold(model: SPMM) -> None:
-    specular, other = lobe_group(model, "specular"), lobe_group(model, "non_specular")
-    assert torch.equal(specular, ~other)
-    width = widths(model.dictionary.detach()).median().item()
-    assert 0 < int(lobe_group(model, "specular", width).sum()) < int(specular.sum())
 
 
 def test_hard_mask_touches_only_its_texels(model: SPMM) -> None:
@@ -86,6 +73,18 @@ def test_soft_mask_blends_weights_and_steps_the_residual(model: SPMM) -> None:
     check_valid(edited)
 
 
+def test_a_group_under_a_mask(model: SPMM) -> None:
+    """Specular lobes inside of the mask, and nothing else."""
+    mask = Stripes(2, 0.5).mask(model)
+    where = select_texels(model, mask) & lobe_group(model, "specular")
+    edited = intensity(model, 3.0, where)
+    assert where.lobes is not None
+    chosen = where.lobes[model.index] & (mask.flatten() > 0.0)[entry_texels(model)]
+    assert torch.equal(edited.weight[~chosen], model.weight[~chosen])
+    assert torch.equal(edited.weight[chosen], 3.0 * model.weight[chosen])
+    assert torch.equal(edited.residual.scale, model.residual.scale)
+
+
 def test_a_selection_by_lobes_leaves_the_residual(model: SPMM) -> None:
     edited = intensity(model, 0.0, lobe_selection(model, models=["ward", "lambertian"]))
     assert edited.residual.scale is not None
@@ -95,30 +94,11 @@ def test_a_selection_by_lobes_leaves_the_residual(model: SPMM) -> None:
     assert {names[j] for j in model.index[kept].tolist()}.isdisjoint({"ward", "lambertian"})
 
 
-def test_residual_strength(model: SPMM) -> None:
-    bare = residual_strength(model, 0.0)
-    torch.testing.assert_close(look(bare), look(model, residual=False))
-    assert bare.weight.data_ptr() == model.weight.data_ptr()
-    half = residual_strength(model, 0.5)
-    torch.testing.assert_close(look(half), 0.5 * (look(model) + look(bare)))
-
-
 def test_identity_changes_nothing(model: SPMM) -> None:
     assert intensity(model, 1.0) is model
-    assert residual_strength(model, 1.0) is model
 
 
 @pytest.mark.parametrize("factor", [-1.0, float("nan"), float("inf")])
 def test_bad_factors(model: SPMM, factor: float) -> None:
-    for edit in (intensity, residual_strength):
-        with pytest.raises(ConfigError, match=r"is (-1.0|nan|inf); expected a finite number"):
-            edit(model, factor)
-
-
-def test_bad_groups(model: SPMM) -> None:
-    with pytest.raises(ConfigError, match="has no specular lobes.*choose another threshold"):
-        intensity(model, 2.0, group="specular", threshold=1e-4)
-    with pytest.raises(ConfigError, match="threshold is 0; expected a positive width"):
-        intensity(model, 2.0, group="specular", threshold=0.0)
-    with pytest.raises(ConfigError, match="expected one of all, specular, non_specular"):
-        intensity(model, 2.0, group="shiny")
+    with pytest.raises(ConfigError, match=r"is (-1.0|nan|inf); expected a finite number"):
+        intensity(model, factor)

@@ -1,0 +1,70 @@
+"""The worked example of the documentation, run as it stands."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+import yaml
+
+from spmm_torch import SPMM
+from spmm_torch.edit import EDITS, MASKS, Script
+from tests.edit.looks import check_valid
+
+DOCS = Path(__file__).parents[2] / "docs"
+HEADING = re.compile(r"^#+ An edit, a mask$", re.MULTILINE)
+# A block that is a file begins with a comment that holds its path.
+FILE = re.compile(r"^```python\n(# (\S+)\.py\n.*?)^```$", re.MULTILINE | re.DOTALL)
+ENTRY = re.compile(r'^```python\n    "(\w+)": (\w+),\n```$', re.MULTILINE)
+SCRIPT = re.compile(r"^```yaml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def section() -> str:
+    """The text from the heading of the example on."""
+    texts = [path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("*.md"))]
+    return next(text[found.start() :] for text in texts if (found := HEADING.search(text)))
+
+
+@pytest.fixture
+def modules(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModuleType]:
+    """The files of the example as modules by their dotted names, with its entries made."""
+    text, made = section(), {}
+    for source, path in FILE.findall(text):
+        name = path.replace("/", ".")
+        module = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, None))
+        monkeypatch.setitem(sys.modules, name, module)
+        exec(compile(source, path, "exec"), vars(module))
+        made[name] = module
+    for name, kind in ENTRY.findall(text):
+        owner = next(module for module in made.values() if hasattr(module, kind))
+        registry = EDITS if ".edits." in owner.__name__ else MASKS
+        monkeypatch.setitem(registry, name, getattr(owner, kind))
+    return made
+
+
+def test_its_tests_pass(modules: dict[str, ModuleType], model: SPMM) -> None:
+    tests: list[Callable[[SPMM], None]] = [
+        value
+        for name, module in modules.items()
+        for key, value in vars(module).items()
+        if name.startswith("tests.") and key.startswith("test_")
+    ]
+    assert len(tests) == 2
+    for test in tests:
+        test(model)
+
+
+@pytest.mark.usefixtures("modules")
+def test_its_script_runs(model: SPMM) -> None:
+    found = SCRIPT.search(section())
+    assert found is not None
+    script = Script.parse(yaml.safe_load(found[1]))
+    assert {step.name for step in script.steps} == {"warmth"}
+    edited = script.apply(model)
+    assert edited.pack() != model.pack()
+    check_valid(edited)
