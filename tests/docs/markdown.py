@@ -1,0 +1,85 @@
+"""The Markdown files of the repository, and what stands in them: code, tables, code spans."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+# Folders that are made, not written.
+MADE = frozenset({"build", "dist", "runs", "node_modules"})
+FENCE = re.compile(r"^ *```(\S*)\s*$")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a document.
+
+    Attributes:
+        language: the word behind the fence; empty for none.
+        text: its lines.
+        line: number of its first line, from 1.
+    """
+
+    language: str
+    text: str
+    line: int
+
+
+def documents() -> list[Path]:
+    """All Markdown files of the repository."""
+    return [path for path in sorted(ROOT.rglob("*.md")) if is_written(path)]
+
+
+def is_written(path: Path) -> bool:
+    """Whether a file belongs to the repository; hidden folders and builds do not."""
+    folders = path.relative_to(ROOT).parts[:-1]
+    return not any(part.startswith(".") or part in MADE for part in folders)
+
+
+def name_of(path: Path) -> str:
+    """The path of a file within the repository."""
+    return path.relative_to(ROOT).as_posix()
+
+
+def blocks(path: Path, *languages: str) -> list[Block]:
+    """The fenced blocks of a document, of some languages or of all."""
+    found, language, lines, start = [], None, [], 0
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        fence = FENCE.match(line)
+        if fence and language is None:
+            language, lines, start = fence[1], [], number + 1
+        elif fence:
+            found.append(Block(language, "".join(f"{line}\n" for line in lines), start))
+            language = None
+        else:
+            lines.append(line)
+    return [block for block in found if not languages or block.language in languages]
+
+
+def prose(path: Path) -> list[tuple[int, str]]:
+    """(number, text) of each line outside of fenced blocks."""
+    outside, found = True, []
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        if FENCE.match(line):
+            outside = not outside
+        elif outside:
+            found.append((number, line))
+    return found
+
+
+def table(path: Path, *header: str) -> list[list[str]]:
+    """The cells of the rows of the table with this header.
+
+    Raises:
+        LookupError: no such table.
+    """
+    rows = [line for _, line in prose(path)]
+    cells = [[cell.strip() for cell in row.strip().strip("|").split("|")] for row in rows]
+    if list(header) not in cells:
+        raise LookupError(f"{name_of(path)} has no table {header}")
+    first = cells.index(list(header)) + 2
+    length = next((n for n, row in enumerate(rows[first:]) if not row.startswith("|")), None)
+    return cells[first:][:length]
