@@ -6,7 +6,7 @@ import argparse
 import importlib
 import pkgutil
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pdoc
@@ -37,8 +37,17 @@ def specifications() -> list[str]:
     return given
 
 
+def load(names: Iterable[str]) -> None:
+    """Imports modules and all that they hand on, some of which only when it is asked for."""
+    for name in names:
+        module = importlib.import_module(name)
+        for public in getattr(module, "__all__", ()):
+            getattr(module, public)
+
+
 def build(output: Path) -> None:
     """Writes a page for each module, an index and a search; any warning is an error."""
+    load(module_names())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         pdoc.render.configure(

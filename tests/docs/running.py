@@ -6,6 +6,7 @@ import contextlib
 import io
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,27 +26,35 @@ def checkout(folder: Path) -> None:
 
 
 def run_document(path: Path) -> None:
-    """Runs all blocks of Python and of commands in their order, in the current folder.
+    """Runs all blocks of a document in the current folder; see `run_blocks`."""
+    run_blocks(path, blocks(path))
+
+
+def run_blocks(path: Path, parts: Sequence[Block]) -> None:
+    """Runs blocks of Python and of commands in their order, in the current folder.
+
+    Args:
+        path: of the document.
+        parts: its blocks; those of text hold what the one before them prints.
 
     Raises:
-        AssertionError: a command fails, or a block prints something else than the one below it
-            says.
+        AssertionError: a command fails, or a block prints something else.
     """
-    names: dict[str, Any] = {"__name__": name_of(path)}
+    names: dict[str, Any] = {"__name__": "__main__"}
     printed = ""
-    for block in blocks(path, "python", "sh", "text"):
+    for block in parts:
         if block.language == "python":
             printed = run_python(path, block, names)
         elif block.language == "sh":
             run_commands(block)
-        else:
+        elif block.language == "text":
             assert_alike(printed, block.text, f"{name_of(path)}:{block.line}")
 
 
 def run_python(path: Path, block: Block, names: dict[str, Any]) -> str:
     """Runs a block, whose lines messages count as in the document; returns what it prints."""
     out = io.StringIO()
-    code = compile("\n" * (block.line - 1) + block.text, str(path), "exec")
+    code = compile("\n" * (block.line - 1) + block.text, str(path), "exec", dont_inherit=True)
     with contextlib.redirect_stdout(out):
         exec(code, names)
     return out.getvalue()

@@ -20,8 +20,10 @@ DOCUMENTS = [pytest.param(path, id=name_of(path)) for path in documents()]
 # Languages of blocks that hold command lines.
 SHELL = ("", "sh", "bash", "console")
 # Folders that commands make, and what only a reader has.
-MADE = ("runs/", "build/", "dist/", "/")
+MADE = ("runs/", "build/", "dist/", "drawn/", "compared/", "/")
 PATH = re.compile(r"[\w.*-]+(?:/[\w.*-]+)*(?:/[\w*-]+(?:\.\w+)+|/)")
+# How a document announces a file that its reader is to make.
+NEW = re.compile(r"\bnew file `([^`]+)`", re.IGNORECASE)
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 OPTION = re.compile(r"--[a-z][a-z-]*|-[a-z]\b")
 
@@ -87,14 +89,17 @@ def help_of(capsys: pytest.CaptureFixture[str]):  # noqa: ANN201
 
 
 def missing_paths(path: Path) -> list[str]:
-    """Paths in backticks and in blocks of commands that are not there."""
+    """Paths in backticks and in blocks of commands that are not there, and are not to be made."""
     named = list(spans(path))
+    new = set(NEW.findall(path.read_text(encoding="utf-8")))
     for block in blocks(path, *SHELL):
         named += enumerate(block.text.splitlines(), block.line)
     missing = []
     for number, text in named:
         for word in re.split(r"[\s,;='\"()]+", text):
-            if PATH.fullmatch(word) and not word.startswith(MADE) and not exists(path, word):
+            if not PATH.fullmatch(word) or word in new or word.startswith(MADE):
+                continue
+            if not exists(path, word):
                 missing.append(f"{number}: {word}")
     return missing
 
@@ -179,7 +184,7 @@ def test_every_test_is_there(path: Path) -> None:
 def test_the_search_sees_what_is_wrong(tmp_path: Path, help_of) -> None:  # noqa: ANN001
     page = tmp_path / "page.md"
     page.write_text(
-        "`spmm_torch/nowhere.py`, `cli/main.py` and `runs/x.json`\n"
+        "`spmm_torch/nowhere.py`, `cli/main.py` and `runs/x.json`; new file `cli/x.py`\n"
         "```\nspmm fit X -o Y --nonsense  # --comment\n```\n",
         encoding="utf-8",
     )
