@@ -8,9 +8,10 @@ import pytest
 
 from spmm_torch.cli.main import main
 from spmm_torch.data import sample_path
+from tests.docs.markdown import ROOT
 
 SMALL = (
-    "--config=configs/smoke.yaml",
+    f"--config={ROOT / 'configs' / 'smoke.yaml'}",
     "--crop=0,0,8,8",
     "--directions=2",
     "--set=cluster.count=3",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,15 +29,18 @@ class Block:
     line: int
 
 
+def files(*suffixes: str) -> list[Path]:
+    """All files of the repository with one of some suffixes; hidden folders and builds left out."""
+    found: list[Path] = []
+    for folder, folders, names in os.walk(ROOT):
+        folders[:] = [name for name in folders if not name.startswith(".") and name not in MADE]
+        found += [Path(folder) / name for name in names if name.endswith(suffixes)]
+    return sorted(found)
+
+
 def documents() -> list[Path]:
     """All Markdown files of the repository."""
-    return [path for path in sorted(ROOT.rglob("*.md")) if is_written(path)]
-
-
-def is_written(path: Path) -> bool:
-    """Whether a file belongs to the repository; hidden folders and builds do not."""
-    folders = path.relative_to(ROOT).parts[:-1]
-    return not any(part.startswith(".") or part in MADE for part in folders)
+    return files(".md")
 
 
 def name_of(path: Path) -> str:

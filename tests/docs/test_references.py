@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import yaml
 
 from spmm_torch import __version__
-from tests.docs.markdown import DOCS, ROOT, is_written, name_of
+from tests.docs.markdown import DOCS, ROOT, files, name_of
 
 BIBLIOGRAPHY = DOCS / "references.bib"
 SUFFIXES = (".py", ".md", ".yaml", ".yml", ".cff")
@@ -70,8 +70,8 @@ WORKS = works()
 
 def texts() -> Iterator[tuple[str, str]]:
     """(name, text on one line, without accents) of all files that may name a work."""
-    for path in sorted(ROOT.rglob("*")):
-        if path.suffix in SUFFIXES and is_written(path) and path.name != "test_references.py":
+    for path in files(*SUFFIXES):
+        if path.name != "test_references.py":
             lines = path.read_text(encoding="utf-8").splitlines()
             yield name_of(path), plain(" ".join(re.sub(r"^\s*#?\s*", "", line) for line in lines))
 
