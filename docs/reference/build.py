@@ -42,7 +42,7 @@ def load(names: Iterable[str]) -> None:
     for name in names:
         module = importlib.import_module(name)
         for public in getattr(module, "__all__", ()):
-            getattr(module, public)
+            setattr(module, public, getattr(module, public))
 
 
 def build(output: Path) -> None:
