@@ -3,11 +3,12 @@ PYTHON ?= python3
 VENV := .venv
 PY := $(VENV)/bin/python
 RUN := runs/demo
+REFERENCE := build/docs
 # One process a core with one thread each: most tests are too small to share among threads.
 PYTEST := OMP_NUM_THREADS=1 $(PY) -m pytest --numprocesses auto --dist worksteal
 DEPENDENCIES := setup.cfg pyproject.toml constraints.txt
 
-.PHONY: help demo test test-slow lint clean
+.PHONY: help demo test test-slow lint docs clean
 .DELETE_ON_ERROR:
 
 help:
@@ -15,6 +16,7 @@ help:
 	@echo "make test       run the fast tests"
 	@echo "make test-slow  run the slow tests"
 	@echo "make lint       check style and formatting"
+	@echo "make docs       write the reference of all modules into $(REFERENCE)"
 	@echo "make clean      remove what the other targets made, $(VENV) included"
 
 $(VENV)/created:
@@ -28,7 +30,11 @@ $(VENV)/installed: $(VENV)/created $(DEPENDENCIES)
 	@touch $@
 
 $(VENV)/installed-test: $(VENV)/created $(DEPENDENCIES)
-	$(PY) -m pip install --quiet --editable ".[test,mitsuba,eval,viz]" --constraint constraints.txt
+	$(PY) -m pip install --quiet --editable ".[test,mitsuba,eval,viz,docs]" --constraint constraints.txt
+	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: $(VENV)/created $(DEPENDENCIES)
+	$(PY) -m pip install --quiet --editable ".[docs]" --constraint constraints.txt
 	@touch $@ $(VENV)/installed
 
 demo: $(VENV)/installed
@@ -47,6 +53,10 @@ test-slow: $(VENV)/installed-test
 lint: $(VENV)/installed-test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+
+docs: $(VENV)/installed-docs
+	rm -rf $(REFERENCE)
+	$(PY) docs/reference/build.py $(REFERENCE)
 
 clean:
 	rm -rf $(VENV) $(RUN) build dist *.egg-info .hypothesis .pytest_cache .ruff_cache

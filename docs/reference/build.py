@@ -1,0 +1,71 @@
+"""The API reference as HTML pages, by pdoc: `make docs`."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import pkgutil
+import warnings
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pdoc
+
+import spmm_torch
+
+# `cli` and `viz` lie beside `spmm_torch` in a checkout, so a walk from it misses them.
+ROOTS = ("spmm_torch", "spmm_torch.cli", "spmm_torch.viz")
+
+
+def module_names() -> Iterator[str]:
+    """The dotted names of all modules, `__main__` left out."""
+    for root in ROOTS:
+        yield root
+        package = importlib.import_module(root)
+        for module in pkgutil.walk_packages(package.__path__, f"{root}."):
+            if not module.name.endswith(".__main__"):
+                yield module.name
+
+
+def specifications() -> list[str]:
+    """What pdoc must be given: it walks a package itself, but for modules not in `__all__`."""
+    given, reached = [], set()
+    for name in sorted(set(module_names())):
+        if name not in reached:
+            given.append(name)
+            reached.update(pdoc.extract.walk_specs([name]))
+    return given
+
+
+def load(names: Iterable[str]) -> None:
+    """Imports modules and all that they hand on, some of which only when it is asked for."""
+    for name in names:
+        module = importlib.import_module(name)
+        for public in getattr(module, "__all__", ()):
+            setattr(module, public, getattr(module, public))
+
+
+def build(output: Path) -> None:
+    """Writes a page for each module, an index and a search; any warning is an error."""
+    load(module_names())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pdoc.render.configure(
+            docformat="google",
+            footer_text=f"spmm_torch {spmm_torch.__version__}",
+            template_directory=Path(__file__).parent,
+        )
+        pdoc.pdoc(*specifications(), output_directory=output)
+
+
+def main() -> None:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("output", type=Path, help="folder to write")
+    output = parser.parse_args().output
+    build(output)
+    print(f"The API reference lies in {output / 'index.html'}")
+
+
+if __name__ == "__main__":
+    main()
