@@ -7,6 +7,7 @@ from pathlib import Path
 
 import torch
 
+from ..data.codecs import CODECS
 from ..errors import ConfigError
 from ..geometry.directions import direction_from_angles
 from .camera import Camera
@@ -16,7 +17,7 @@ from .renderer import Light
 
 LIGHT_FORMS = "studio, directional:THETA,PHI[,R,G,B], point:X,Y,Z[,R,G,B], or a file (.exr, .hdr)"
 CAMERA_FORMS = "orthographic[:THETA,PHI] or perspective[:THETA,PHI[,DISTANCE[,FIELD_OF_VIEW]]]"
-MAP_SUFFIXES = (".exr", ".hdr", ".pic", ".rgbe")
+MAP_SUFFIXES = tuple(suffix for codec in CODECS if codec.HDR for suffix in codec.SUFFIXES)
 # Numbers that each kind may have after its colon.
 LIGHT_COUNTS = {"directional": (2, 5), "point": (3, 6)}
 CAMERA_COUNTS = {"orthographic": (0, 2), "perspective": (0, 2, 3, 4)}
