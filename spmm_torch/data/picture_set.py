@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import DataError
+from ..errors import DataError, alternatives
 from .btf import BTF
 from .cache import entry_key, file_hash
-from .codecs import DECODE_ERRORS, SUFFIXES, Codec, codec_of
+from .codecs import CODECS, DECODE_ERRORS, SUFFIXES, Codec, codec_of
 from .directions import checked_directions
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import (
@@ -37,6 +37,11 @@ from .pictures import (
 from .store import Loading, Part, Store
 from .transpose import Place, ViewSource, open_store
 
+KINDS = alternatives([codec.TITLE for codec in reversed(CODECS)])
+EXPECTED = (
+    f"a zip or folder of {KINDS} pictures named by their angles "
+    "(like '00008 tl000 pl000 tv030 pv030.jpg')"
+)
 CHANNELS = 3
 
 

@@ -1,0 +1,125 @@
+"""Readers of BTFs: one module or package for each file format, as `Reader` says.
+
+A new format is one module and one line in `NAMES`.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+from typing import Protocol, cast
+
+from ..errors import DataError, alternatives
+from .btf import BTF
+from .options import DISPLAY_GAMMA, ReadOptions
+from .selection import Selection, select_part
+
+# In the order in which they are asked; the first one that accepts a path reads it.
+NAMES = (
+    "ubo2014",
+    "npz",
+    "picture_set",
+)
+SAMPLE_NAME = "WEAVE40.zip"
+
+
+class Reader(Protocol):
+    """The names that the module of a reader holds."""
+
+    @property
+    def EXPECTED(self) -> str:  # noqa: N802
+        """What it reads, in words that fit into "expected A, B or C"."""
+        ...
+
+    def accepts(self, path: Path) -> bool:
+        """Whether a file or folder is of this format: by its content, not by its name."""
+        ...
+
+    def read(self, path: Path | str, options: ReadOptions) -> BTF:
+        """The BTF of a path: looks at headers only, values are decoded at first use.
+
+        Raises:
+            DataError: malformed; one sentence says what, where and what to do.
+        """
+        ...
+
+
+READERS: tuple[Reader, ...] = tuple(
+    cast("Reader", import_module(f".{name}", __package__)) for name in NAMES
+)
+
+
+def load_btf(
+    path: Path | str,
+    *,
+    gamma: float = DISPLAY_GAMMA,
+    threads: int = 0,
+    cosine: str = "auto",
+    negative: str = "refuse",
+    missing: str = "refuse",
+    selection: Selection | None = None,
+    seed: int = 0,
+) -> BTF:
+    """Open a BTF of any known format; its values are decoded at first use.
+
+    Args:
+        path: a zip, folder, `.btf` or NPZ.
+        gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
+        threads: how many pictures are decoded at once; 0 = one for each core.
+        cosine: of the light: "included" in the values, "missing", or "auto": as a `.btf` says of
+            itself, included in all others.
+        negative: of values below zero, such as noise after dark-frame subtraction: "refuse" them,
+            "clip" them to zero, or "keep" them.
+        missing: pairs of directions without a picture: "refuse" them, or "mask" them; pictures
+            only.
+        selection: the part to take; all of it by default.
+        seed: of the choice of texels, where a selection asks for a number of them.
+
+    Raises:
+        DataError: nothing there, no known format, or malformed.
+        ConfigError: an option out of its range.
+    """
+    options = ReadOptions(
+        gamma=gamma, threads=threads, cosine=cosine, negative=negative, missing=missing
+    )
+    btf = _read(path, options)
+    return btf if selection is None else select_part(btf, selection, seed)
+
+
+def sample_path() -> Path:
+    """The bundled sample: 40 x 40 texels of a path-traced plain weave, UBO2003 format."""
+    return Path(__file__).parent / "sample" / SAMPLE_NAME
+
+
+def _read(path: Path | str, options: ReadOptions) -> BTF:
+    source = Path(path)
+    if not source.exists():
+        raise DataError(f"{path} does not exist; {_expected()}; check the path.")
+    try:
+        for reader in READERS:
+            if reader.accepts(source):
+                btf = reader.read(path, options)
+                missing = {"auto": btf.cosine_missing, "included": False, "missing": True}
+                return replace(
+                    btf, cosine_missing=missing[options.cosine], negative=options.negative
+                )
+    except OSError as error:
+        raise DataError(
+            f"{path} cannot be read ({error}); {_expected()}; check its permissions."
+        ) from error
+    raise DataError(f"{path} {_complaint(source)}; {_expected()}; check that it is the right one.")
+
+
+def _expected() -> str:
+    return f"expected {alternatives([reader.EXPECTED for reader in reversed(READERS)])}"
+
+
+def _complaint(path: Path) -> str:
+    """Why no reader accepts a path that exists."""
+    if path.is_dir():
+        return "is an empty folder" if not any(path.iterdir()) else "holds no BTF pictures"
+    if zipfile.is_zipfile(path):
+        return "is a zip without BTF pictures"
+    return "is neither a complete zip nor a folder, nor a file of another known format"
