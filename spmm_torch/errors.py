@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 
 class SPMMError(Exception):
     """Base of every error caused by input; its text is one sentence that says what to do.
@@ -20,3 +22,8 @@ class ConfigError(SPMMError):
 
 class OutputError(SPMMError):
     """A run folder cannot be written or read."""
+
+
+def alternatives(words: Sequence[str]) -> str:
+    """`A, B or C`, as sentences list what was expected."""
+    return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))

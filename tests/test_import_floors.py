@@ -18,8 +18,8 @@ SOURCES = {"spmm_torch": "spmm_torch", "cli": "spmm_torch.cli", "viz": "spmm_tor
 FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"errors", "metrics", "geometry"}),
     frozenset({"runtime", "brdf"}),
-    frozenset({"config", "solvers", "lobes"}),
-    frozenset({"data"}),
+    frozenset({"config"}),
+    frozenset({"solvers", "data", "lobes"}),
     frozenset({"model", "synthesize"}),
     frozenset({"__init__"}),
     frozenset({"render", "edit"}),

@@ -20,7 +20,6 @@ from torch import Tensor
 from ..errors import OutputError
 from ..runtime.memory import slices
 from ..runtime.threads import in_threads
-from .codecs.radiance import SCALES
 from .file_rows import RowLayout, read_columns, read_rows
 
 # Pairs of codes that are looked up at once: few enough to stay in the caches, enough that threads
@@ -185,21 +184,6 @@ class TableExpansion:
     def gamma(cls, gamma: float) -> TableExpansion:
         """The linear value `(code / 255) ** gamma` of each 8-bit code."""
         return cls(((torch.arange(256, dtype=torch.float64) / 255.0) ** gamma).float())
-
-
-class RgbeExpansion:
-    """Radiance's shared exponent: `mantissa * 2 ** (exponent - 136)`, 0 where the exponent is."""
-
-    elementwise = False
-    # A table: powers are not exact on every device.
-    scale = TableExpansion(torch.from_numpy(SCALES))
-
-    def __call__(self, codes: Tensor) -> Tensor:
-        return codes[..., :3].float() * self.scale(codes[..., 3:])
-
-    def bounds(self, codes: Tensor) -> tuple[float, float]:
-        low, high = self(codes).aminmax()
-        return float(low), float(high)
 
 
 def _look_up(table: np.ndarray, pairs: np.ndarray, codes: Tensor) -> Tensor:

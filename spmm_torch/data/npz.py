@@ -23,6 +23,7 @@ from .btf import BTF
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import ZIP_ERRORS, material_name, open_zip
 
+EXPECTED = "an NPZ with values, view and light"
 MEMBERS = ("values", "view", "light")
 LAYOUT = "values [V, L, H, W, 3] float16 or float32, view [V, 3] and light [L, 3]"
 # No content is larger than its stored bytes by more than this factor; other methods have no bound.

@@ -11,6 +11,8 @@ from ..errors import ConfigError
 
 # Exponent of display-encoded pictures.
 DISPLAY_GAMMA = 2.2
+# Singular values that a `.btf` keeps of each pair of factors.
+DEFAULT_COMPONENTS = 100
 # Decoding of small pictures is bound by the interpreter lock: more threads gain nothing.
 MAX_THREADS = 8
 COSINES = ("auto", "included", "missing")

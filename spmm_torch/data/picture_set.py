@@ -13,15 +13,13 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 
-from ..errors import DataError
+from ..errors import DataError, alternatives
 from .btf import BTF
 from .cache import entry_key, file_hash
-from .codecs import DECODE_ERRORS, SUFFIXES, codec_of, pillow, radiance
-from .codes import Expansion, FloatExpansion, RgbeExpansion, TableExpansion
+from .codecs import CODECS, DECODE_ERRORS, SUFFIXES, Codec, codec_of
 from .directions import checked_directions
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import (
@@ -39,8 +37,12 @@ from .pictures import (
 from .store import Loading, Part, Store
 from .transpose import Place, ViewSource, open_store
 
-# RGBE keeps three values in four bytes.
-RGBE_BYTES = 4.0 / 3.0
+KINDS = alternatives([codec.TITLE for codec in reversed(CODECS)])
+EXPECTED = (
+    f"a zip or folder of {KINDS} pictures named by their angles "
+    "(like '00008 tl000 pl000 tv030 pv030.jpg')"
+)
+CHANNELS = 3
 
 
 def accepts(path: Path) -> bool:
@@ -76,7 +78,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         ),
         bytes_per_value=pictures.bytes_per_value,
         open_store=pictures.open_store,
-        hdr=False if pictures.codec is pillow else None,
+        hdr=None if pictures.codec.HDR else False,
         missing=pictures.grid.missing,
     )
 
@@ -96,7 +98,7 @@ class PictureSet:
 
     path: Path
     grid: PictureGrid
-    codec: ModuleType
+    codec: Codec
     size: tuple[int, int]
     dtype: np.dtype
     width: int
@@ -110,23 +112,16 @@ class PictureSet:
             (payload,) = archive.read([grid.first])
         codec = codec_of(payload)
         try:
-            size = codec.read_size(payload)
-            first = _codes(codec, payload) if codec is not pillow else np.zeros((1, 1, 3), np.uint8)
+            first = codec.decode(payload)
         except DECODE_ERRORS as error:
             raise unreadable(path, grid.first, error) from error
+        size = (first.shape[0], first.shape[1])
         return cls(path, grid, codec, size, first.dtype, first.shape[2], options)
 
     @property
     def bytes_per_value(self) -> float:
-        """Of the source, per channel."""
-        return RGBE_BYTES if self.codec is radiance else float(self.dtype.itemsize)
-
-    @property
-    def expansion(self) -> Expansion:
-        """How the codes become values."""
-        if self.codec is pillow:
-            return TableExpansion.gamma(self.options.gamma)
-        return RgbeExpansion() if self.codec is radiance else FloatExpansion()
+        """Of the source, per channel: RGBE keeps three values in four bytes."""
+        return self.dtype.itemsize * self.width / CHANNELS
 
     def open_store(self, part: Part, loading: Loading) -> Store:
         """Decodes a part of the pictures."""
@@ -153,7 +148,8 @@ class PictureSet:
             return entry_key((*facts, gaps) if gaps else facts)
 
         columns = self.size[1] if part.texels is None else 0
-        source = ViewSource(str(self.path), shape, self.dtype, self.expansion, decode, key, columns)
+        expand = self.codec.expansion(self.options.gamma)
+        source = ViewSource(str(self.path), shape, self.dtype, expand, decode, key, columns)
         return open_store(source, loading)
 
     def _files(self, part: Part) -> list[list[str | None]]:
@@ -201,10 +197,10 @@ class PictureSet:
         return codes
 
 
-def _codes(codec: ModuleType, payload: bytes) -> np.ndarray:
+def _codes(codec: Codec, payload: bytes) -> np.ndarray:
     """Codes `[H, W, B]` of a picture that the codec must know."""
-    if codec is not pillow and not codec.accepts(payload):
-        raise ValueError(f"it is not stored like the first one, as {codec.__name__.split('.')[-1]}")
+    if not codec.accepts(payload):
+        raise ValueError(f"it is not stored like the first one, as {codec.TITLE}")
     return codec.decode(payload)
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..data.codecs import DECODE_ERRORS, HEAD_BYTES, openexr, radiance
+from ..data.codecs import CODECS, DECODE_ERRORS, codec_of
 from ..errors import DataError
 
 # Relative luminance of linear sRGB primaries [ITU-R BT.709].
@@ -170,12 +170,10 @@ def _search(cumulative: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
 
 def _decode(payload: bytes) -> Tensor:
     """Radiance `[H, W, 3]` float32 of the content of a file."""
-    head = payload[:HEAD_BYTES]
-    if openexr.accepts(head):
-        return torch.from_numpy(openexr.decode(payload)).float()
-    if radiance.accepts(head):
-        return torch.from_numpy(radiance.rgbe_to_float(radiance.decode(payload)))
-    raise ValueError("it is neither OpenEXR nor Radiance")
+    codec = codec_of(payload)
+    if not codec.HDR:
+        raise ValueError(f"it is neither {' nor '.join(each.TITLE for each in CODECS if each.HDR)}")
+    return codec.expansion(1.0)(torch.from_numpy(codec.decode(payload)))
 
 
 def _check_radiance(picture: Tensor, name: str) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 
 from ..config.render import CAMERA_FORMS, LIGHT_FORMS
+from ..data.codecs import CODECS
 from ..errors import ConfigError
 from ..geometry.directions import direction_from_angles
 from .camera import Camera
@@ -15,7 +16,7 @@ from .environment import EnvironmentLight
 from .lights import WHITE, DirectionalLight, PointLight
 from .renderer import Light
 
-MAP_SUFFIXES = (".exr", ".hdr", ".pic", ".rgbe")
+MAP_SUFFIXES = tuple(suffix for codec in CODECS if codec.HDR for suffix in codec.SUFFIXES)
 # Numbers that each kind may have after its colon.
 LIGHT_COUNTS = {"directional": (2, 5), "point": (3, 6)}
 CAMERA_COUNTS = {"orthographic": (0, 2), "perspective": (0, 2, 3, 4)}

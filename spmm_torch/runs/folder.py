@@ -18,10 +18,10 @@ from ..config.fit import FitConfig
 from ..data import BTF
 from ..errors import ConfigError, OutputError
 from ..model.spmm import SPMM
-from ..runtime.ranks import ALONE, Ranks
 from ..report import Report, write_html, write_report
 from ..report.views import Gallery
 from ..runtime.atomic import write_atomic
+from ..runtime.ranks import ALONE, Ranks
 from ..runtime.tensor_file import MODEL_FILE
 
 CONFIG, LOG, REPORT_PAGE = "config.yaml", "log.txt", "report.html"
@@ -40,7 +40,13 @@ def fingerprint(btf: BTF, config: FitConfig) -> dict[str, Any]:
     source = Path(btf.path)
     size = source.stat().st_size if source.is_file() else None
     shape = [btf.height, btf.width, len(btf.view), len(btf.light)]
-    facts = {"version": __version__, "state": STATE_VERSION, "input": btf.path, "bytes": size, "shape": shape}
+    facts = {
+        "version": __version__,
+        "state": STATE_VERSION,
+        "input": btf.path,
+        "bytes": size,
+        "shape": shape,
+    }
     return facts | _flat(config.to_dict())
 
 

@@ -14,7 +14,8 @@ from PIL import Image
 
 from spmm_torch.data.cache import entry_key
 from spmm_torch.data.codecs import openexr, radiance
-from spmm_torch.data.codes import Expansion, FloatExpansion, RgbeExpansion, TableExpansion
+from spmm_torch.data.codecs.radiance import RgbeExpansion
+from spmm_torch.data.codes import Expansion, FloatExpansion, TableExpansion
 from spmm_torch.data.store import Loading
 from spmm_torch.data.transpose import CodeStore, Place, ViewSource, open_store
 

@@ -12,13 +12,13 @@ import torch
 from torch import Tensor
 
 from spmm_torch.data import codes as module
+from spmm_torch.data.codecs.radiance import RgbeExpansion
 from spmm_torch.data.codes import (
     Expansion,
     FileCodes,
     FloatExpansion,
     Index,
     MemoryCodes,
-    RgbeExpansion,
     TableExpansion,
 )
 from spmm_torch.errors import OutputError

@@ -151,7 +151,7 @@ def test_floats_among_half_floats_are_refused(
     assert "tl015 pl060 tv015 pv060.exr" in str(error.value)
 
 
-KINDS = ("png", "radiance", "openexr")
+KINDS = ("png", "Radiance", "OpenEXR")
 
 
 @pytest.mark.parametrize("first", KINDS)
@@ -167,8 +167,8 @@ def test_mixed_kinds(
     values = exact_rgbe(codes).astype(np.float32)
     kinds = {
         "png": (codes[..., :3].copy(), encode_png),
-        "radiance": (codes, radiance.encode),
-        "openexr": (values, openexr.encode),
+        "Radiance": (codes, radiance.encode),
+        "OpenEXR": (values, openexr.encode),
     }
     pictures, encode = kinds[first]
     others, encode_other = kinds[other]

@@ -11,9 +11,9 @@ import pytest
 import torch
 
 from spmm_torch import FitConfig
-from spmm_torch.runs import folder
 from spmm_torch.data import load_btf, sample_path
 from spmm_torch.errors import ConfigError, DataError, OutputError
+from spmm_torch.runs import folder
 from spmm_torch.runs.folder import STATE, fingerprint, is_finished, new_run, remove_leftovers
 
 THIS, OTHER = {"input": "a.zip", "cluster.count": 4}, {"input": "a.zip", "cluster.count": 5}

@@ -1,24 +1,29 @@
-"""Codecs: one module for each way to store a single picture.
+"""Codecs: one module for each way to store a single picture, as `base.Codec` says.
 
-A codec has `accepts(head) -> bool`, which judges by the first bytes; `read_size(payload)` gives
-(height, width) from the header alone; `decode(payload)` gives codes `[H, W, B]`, row 0 at the top.
-Malformed payloads raise one of `DECODE_ERRORS`. A new kind of picture = one module and one entry in
-`CODECS`.
+A new kind of picture is one module and one line in `NAMES`.
 """
 
 from __future__ import annotations
 
-from types import ModuleType
+from importlib import import_module
+from typing import cast
 
 from PIL import Image
 
-from . import openexr, pillow, radiance
+from .base import Codec
 
-__all__ = ["CODECS", "DECODE_ERRORS", "SUFFIXES", "codec_of"]
+__all__ = ["CODECS", "DECODE_ERRORS", "SUFFIXES", "Codec", "codec_of"]
 
-# Pillow takes whatever the others leave, so it comes last.
-CODECS: tuple[ModuleType, ...] = (openexr, radiance, pillow)
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".ppm", ".hdr", ".pic", ".rgbe", ".exr")
+# In the order in which they are asked. Pillow takes whatever the others leave, so it stays last.
+NAMES = (
+    "openexr",
+    "radiance",
+    "pillow",
+)
+CODECS: tuple[Codec, ...] = tuple(
+    cast("Codec", import_module(f".{name}", __name__)) for name in NAMES
+)
+SUFFIXES: tuple[str, ...] = tuple(suffix for codec in CODECS for suffix in codec.SUFFIXES)
 DECODE_ERRORS = (
     OSError,
     EOFError,
@@ -30,7 +35,7 @@ DECODE_ERRORS = (
 HEAD_BYTES = 64
 
 
-def codec_of(payload: bytes) -> ModuleType:
+def codec_of(payload: bytes) -> Codec:
     """The codec of a picture, by its first bytes."""
     head = payload[:HEAD_BYTES]
     return next(codec for codec in CODECS if codec.accepts(head))

@@ -12,6 +12,11 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
+from ..codes import Expansion, FloatExpansion
+
+TITLE = "OpenEXR"
+SUFFIXES = (".exr",)
+HDR = True
 MAGIC = b"\x76\x2f\x31\x01"
 COLOR = ("R", "G", "B")
 LUMINANCE = "Y"
@@ -55,6 +60,11 @@ def decode(payload: bytes) -> np.ndarray:
     planes = [_plane(channels[name], name, size) for name in names]
     # Of half and single planes, numpy makes single ones.
     return np.stack(planes if len(planes) == 3 else planes * 3, axis=-1)
+
+
+def expansion(gamma: float) -> Expansion:
+    """None needed: codes are linear values."""
+    return FloatExpansion()
 
 
 def encode(picture: np.ndarray) -> bytes:

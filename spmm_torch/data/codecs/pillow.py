@@ -7,6 +7,11 @@ import io
 import numpy as np
 from PIL import Image
 
+from ..codes import Expansion, TableExpansion
+
+TITLE = "JPEG, PNG"
+SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".ppm")
+HDR = False
 # Grey pictures become RGB; other modes have no plain meaning as reflectance.
 MODES = frozenset({"RGB", "L"})
 # No format codes more pixels in a byte; a header that claims more would only cost memory.
@@ -16,16 +21,6 @@ PIXELS_PER_BYTE = 4096
 def accepts(head: bytes) -> bool:
     """Always: Pillow knows so many formats that it says itself what it cannot read."""
     return True
-
-
-def read_size(payload: bytes) -> tuple[int, int]:
-    """(height, width) of an encoded picture.
-
-    Raises:
-        OSError: not a picture.
-    """
-    with _opened(payload) as image:
-        return image.height, image.width
 
 
 def decode(payload: bytes) -> np.ndarray:
@@ -40,6 +35,11 @@ def decode(payload: bytes) -> np.ndarray:
             raise ValueError(f"mode {image.mode} instead of 8-bit RGB or grey: convert it to RGB")
         image.load()  # here, so that a truncated file raises its own error
         return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
+
+
+def expansion(gamma: float) -> Expansion:
+    """By the gamma that the pictures were encoded with for a display."""
+    return TableExpansion.gamma(gamma)
 
 
 def _opened(payload: bytes) -> Image.Image:

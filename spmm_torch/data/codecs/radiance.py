@@ -14,9 +14,15 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
+import torch
+from torch import Tensor
 
+from ..codes import Expansion, TableExpansion
 from .scanlines import decode_scanlines, encode_scanlines
 
+TITLE = "Radiance"
+SUFFIXES = (".hdr", ".pic", ".rgbe")
+HDR = True
 MAGIC = b"#?"
 ENCODING = "32-bit_rle_rgbe"
 # Headers are a few lines; a file that starts otherwise is not searched to its end.
@@ -46,19 +52,24 @@ class Header:
     offset: int
 
 
+class RgbeExpansion:
+    """Radiance's shared exponent: `mantissa * 2 ** (exponent - 136)`, 0 where the exponent is."""
+
+    elementwise = False
+    # A table: powers are not exact on every device.
+    scale = TableExpansion(torch.from_numpy(SCALES))
+
+    def __call__(self, codes: Tensor) -> Tensor:
+        return codes[..., :3].float() * self.scale(codes[..., 3:])
+
+    def bounds(self, codes: Tensor) -> tuple[float, float]:
+        low, high = self(codes).aminmax()
+        return float(low), float(high)
+
+
 def accepts(head: bytes) -> bool:
     """Whether a file that starts with these bytes is a Radiance picture."""
     return head.startswith(MAGIC)
-
-
-def read_size(payload: bytes) -> tuple[int, int]:
-    """(height, width), from the header.
-
-    Raises:
-        ValueError: the header is malformed, or of another encoding.
-    """
-    header = _read_header(payload)
-    return header.height, header.width
 
 
 def decode(payload: bytes) -> np.ndarray:
@@ -76,6 +87,11 @@ def decode(payload: bytes) -> np.ndarray:
     if header.scale != NO_SCALE:
         codes = float_to_rgbe(rgbe_to_float(codes) / np.array(header.scale))
     return np.ascontiguousarray(codes)
+
+
+def expansion(gamma: float) -> Expansion:
+    """By the shared exponent; the pictures are linear."""
+    return RgbeExpansion()
 
 
 def encode(picture: np.ndarray) -> bytes:

@@ -32,6 +32,7 @@ from .store import FactorStore, open_store
 from .write import FactorRows, write_factors, write_ubo2014
 
 __all__ = [
+    "EXPECTED",
     "FactorRows",
     "FactorStore",
     "Header",
@@ -42,6 +43,7 @@ __all__ = [
     "write_ubo2014",
 ]
 
+EXPECTED = "a UBO2014 .btf"
 # A BTF counts its raw size as float32 at most.
 MAX_BYTES_PER_VALUE = 4
 

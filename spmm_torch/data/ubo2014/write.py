@@ -15,13 +15,13 @@ from torch import Tensor
 from ...errors import ConfigError, DataError
 from ...runtime.atomic import new_file
 from ..btf import BTF
+from ..options import DEFAULT_COMPONENTS
 from ..store import Progress
 from .colour import LOG_YUV, RGB
 from .factorize import factorize
 from .header import DFMF, FMF12, SCALARS, VARIANTS, Header
 from .pack import colour_bytes, extension_bytes, header_bytes
 
-DEFAULT_COMPONENTS = 100
 Blocks = Iterable[np.ndarray | Tensor] | np.ndarray | Tensor
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...runtime.atomic import new_folder
-from ..btf import BTF
-from ..codecs import openexr
-from ..store import Progress
+from .base import NoSettings, Writer
 from .names import picture_names
 from .views import fits_half, pictures_of_views
+
+if TYPE_CHECKING:
+    from ..btf import BTF
+    from ..store import Progress
 
 SUFFIX = ".exr"
 HALF_BYTES = 2
@@ -26,6 +29,8 @@ def write_exr_folder(path: Path | str, btf: BTF, progress: Progress | None = Non
     Raises:
         OutputError: the folder exists or cannot be written.
     """
+    from ..codecs import openexr
+
     names = picture_names(btf.view, btf.light, SUFFIX)
     with new_folder(path) as folder:
         is_half = btf.bytes_per_value <= HALF_BYTES and fits_half(btf)
@@ -34,3 +39,13 @@ def write_exr_folder(path: Path | str, btf: BTF, progress: Progress | None = Non
             (folder / row[0]).parent.mkdir()
             for name, picture in zip(row, pictures, strict=True):
                 (folder / name).write_bytes(openexr.encode(picture.astype(dtype)))
+
+
+def write(
+    path: Path | str, btf: BTF, settings: NoSettings, progress: Progress | None = None
+) -> None:
+    """Write a BTF as a folder of EXR pictures; see `write_exr_folder`."""
+    write_exr_folder(path, btf, progress)
+
+
+WRITER = Writer("exr", "folder of EXR pictures", "", "views", NoSettings, write)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-
-from torch import Tensor
+from typing import TYPE_CHECKING
 
 from ...errors import OutputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 # Names keep 0.001 degrees: directions are measured to a tenth, and stored to 0.00001 in float32.
 DECIMALS = 3

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib import format as npy
 
 from ...runtime.atomic import new_file, zip_member
-from ..btf import BTF
-from ..store import Progress
+from .base import NoSettings, Writer
 from .views import fits_half, pictures_of_views
+
+if TYPE_CHECKING:
+    from ..btf import BTF
+    from ..store import Progress
 
 HALF, SINGLE = np.dtype("<f2"), np.dtype("<f4")
 
@@ -42,3 +46,13 @@ def _write_values(archive: zipfile.ZipFile, btf: BTF, progress: Progress | None)
         for pictures in pictures_of_views(btf, progress):
             for picture in pictures:  # [H, W, 3]
                 stream.write(picture.astype(dtype, order="C").tobytes())
+
+
+def write(
+    path: Path | str, btf: BTF, settings: NoSettings, progress: Progress | None = None
+) -> None:
+    """Write a BTF as NPZ; see `write_npz`."""
+    write_npz(path, btf, progress)
+
+
+WRITER = Writer("npz", "NPZ file", ".npz", "views", NoSettings, write)

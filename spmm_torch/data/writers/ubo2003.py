@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import io
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 
+from ...config.schema import setting
 from ...errors import ConfigError, OutputError
 from ...runtime.atomic import new_file, zip_member
-from ..btf import BTF
 from ..options import DISPLAY_GAMMA, ReadOptions
-from ..store import Progress
+from .base import Writer
 from .names import picture_names
 from .views import pictures_of_views
+
+if TYPE_CHECKING:
+    from ..btf import BTF
+    from ..store import Progress
 
 SUFFIXES = {"jpeg": ".jpg", "png": ".png"}
 MAX_CODE = 255
@@ -23,6 +29,17 @@ QUALITY = 95
 FULL_COLOUR = 0  # Pillow's number for 4:4:4: texels keep their own colour
 # Measured textures hardly compress: higher levels take five times as long for no smaller files.
 PNG_LEVEL = 1
+
+
+@dataclass(frozen=True)
+class Ubo2003Settings:
+    """How a UBO2003 zip is written."""
+
+    gamma: float = setting(
+        DISPLAY_GAMMA, "exponent that makes 8-bit codes linear", low=0.01, high=10.0
+    )
+    png: bool = setting(False, "PNG pictures in a zip, which lose nothing, instead of JPEG")
+    quality: int = setting(QUALITY, "quality of JPEG pictures in a zip", low=1, high=100)
 
 
 def write_ubo2003(
@@ -61,6 +78,17 @@ def write_ubo2003(
             for name, picture in zip(row, pictures, strict=True):
                 payload = _encode(_codes(picture, gamma, name), format, quality)
                 archive.writestr(zip_member(f"{folder}/{name}"), payload)
+
+
+def write(
+    path: Path | str, btf: BTF, settings: Ubo2003Settings, progress: Progress | None = None
+) -> None:
+    """Write a BTF as a UBO2003 zip; see `write_ubo2003`."""
+    pictures = "png" if settings.png else "jpeg"
+    write_ubo2003(path, btf, settings.gamma, pictures, settings.quality, progress)
+
+
+WRITER = Writer("ubo2003", "zip of pictures (UBO2003)", ".zip", "views", Ubo2003Settings, write)
 
 
 def _check_options(format: str, quality: int) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..btf import BTF
-from ..store import Progress
+if TYPE_CHECKING:
+    from ..btf import BTF
+    from ..store import Progress
 
 MAX_HALF = float(np.finfo(np.float16).max)  # 65504; larger ones would become infinite
 
