@@ -53,6 +53,12 @@ test-slow: $(VENV)/installed-test
 lint: $(VENV)/installed-test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	@# Types are checked in the tree that is installed, in which cli, configs and viz lie inside.
+	rm -rf build/types
+	mkdir -p build/types
+	cp -r spmm_torch build/types
+	cp -r cli configs viz build/types/spmm_torch
+	$(VENV)/bin/basedpyright
 
 docs: $(VENV)/installed-docs
 	rm -rf $(REFERENCE)

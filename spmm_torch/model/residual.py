@@ -27,6 +27,8 @@ class Residual(nn.Module):
         view: `[V, 3]`.
     """
 
+    scale: Tensor
+
     def __init__(self, code: Tensor, scale: Tensor, light: Tensor, view: Tensor) -> None:
         super().__init__()
         self.code = nn.Parameter(code, requires_grad=False)

@@ -38,6 +38,13 @@ class SPMM(nn.Module):
         name: of the material.
     """
 
+    lobe_model: Tensor
+    offset: Tensor
+    index: Tensor
+    labels: Tensor
+    light: Tensor
+    view: Tensor
+
     def __init__(
         self,
         height: int,
