@@ -15,6 +15,8 @@ import spmm_torch
 
 # `cli` and `viz` lie beside `spmm_torch` in a checkout, so a walk from it misses them.
 ROOTS = ("spmm_torch", "spmm_torch.cli", "spmm_torch.viz")
+# pdoc does not find the types of a NamedTuple's fields, and shows their names instead.
+HARMLESS = r"Error parsing type annotation ForwardRef\("
 
 
 def module_names() -> Iterator[str]:
@@ -50,6 +52,7 @@ def build(output: Path) -> None:
     load(module_names())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", HARMLESS)
         pdoc.render.configure(
             docformat="google",
             footer_text=f"spmm_torch {spmm_torch.__version__}",
