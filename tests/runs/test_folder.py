@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -201,11 +202,11 @@ def test_two_processes_do_not_make_one_run(tmp_path: Path, stages: int) -> None:
 def test_process_that_waited_for_a_finished_run_spares_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def finish_meanwhile(lock: int, target: Path) -> None:
+    def finish_meanwhile(held: ExitStack, lock: Path, target: Path) -> None:
         target.mkdir()
         (target / "a").write_text("1")
 
-    monkeypatch.setattr(folder, "_take", finish_meanwhile)
+    monkeypatch.setattr(folder, "_hold", finish_meanwhile)
     with pytest.raises(OutputError, match="run exists"), new_run(tmp_path / "run", THIS):
         pytest.fail("the body must not run")
     assert names(tmp_path) == ["run"]
