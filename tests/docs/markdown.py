@@ -87,3 +87,12 @@ def table(path: Path, *header: str) -> list[list[str]]:
     first = cells.index(list(header)) + 2
     length = next((n for n, row in enumerate(rows[first:]) if not row.startswith("|")), None)
     return cells[first:][:length]
+
+
+def patched(text: str, diff: str) -> str:
+    """Text with the lines of a diff added; its other lines tell where."""
+    lines = diff.splitlines()
+    before = "".join(f"{line[1:]}\n" for line in lines if not line.startswith("+"))
+    after = "".join(f"{line[1:]}\n" for line in lines)
+    assert text.count(before) == 1, f"the place of\n{diff}is not found once"
+    return text.replace(before, after)

@@ -155,6 +155,8 @@ def test_every_command_is_one(path: Path, help_of) -> None:  # noqa: ANN001
 
 @pytest.mark.parametrize("path", DOCUMENTS)
 def test_every_setting_is_one(path: Path) -> None:
+    if path.name == "extending.md":
+        pytest.skip("its commands name what its examples add; test_plug_ins.py runs them")
     for command in commands(path, "spmm", "python", "torchrun"):
         FitConfig().override([word for word in command.after("--set") if "=" in word])
 

@@ -1,4 +1,4 @@
-"""The examples of docs/extending_more.md work when pasted."""
+"""The examples of docs/extending.md work when pasted."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.markdown import DOCS, FENCE, ROOT, Block
+from tests.docs.markdown import DOCS, FENCE, ROOT, Block, patched
 from tests.docs.running import run_blocks
 
-PAGE = DOCS / "extending_more.md"
+PAGE = DOCS / "extending.md"
 # Where the parts of the package lie in a checkout, and where in an installed one.
 PARTS = {"spmm_torch": ".", "cli": "cli", "viz": "viz", "configs": "configs"}
 FILE = re.compile(r"^(?:New file|\w+ lines? in) `([^`]+)`:$")
@@ -53,15 +53,6 @@ def paste(folder: Path, file: str, block: Block) -> None:
     else:
         assert not path.exists(), f"{file} is there already"
         path.write_text(block.text, encoding="utf-8")
-
-
-def patched(text: str, diff: str) -> str:
-    """Text with the lines of a diff added; its other lines tell where."""
-    lines = diff.splitlines()
-    before = "".join(f"{line[1:]}\n" for line in lines if not line.startswith("+"))
-    after = "".join(f"{line[1:]}\n" for line in lines)
-    assert text.count(before) == 1, f"the place of\n{diff}is not found once"
-    return text.replace(before, after)
 
 
 @pytest.fixture

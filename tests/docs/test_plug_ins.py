@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "extending.md"
+from tests.docs.markdown import DOCS, ROOT, patched
+
+PAGE = DOCS / "extending.md"
 # Folders of the checkout, and where they lie in the copy: installed, cli is a part of the package.
 FOLDERS = {"spmm_torch": "spmm_torch", "cli": "spmm_torch/cli", "tests": "tests"}
 FOLDERS |= {"viz": "spmm_torch/viz", "configs": "configs"}
@@ -33,15 +34,6 @@ def blocks(title: str) -> list[tuple[str, str, str]]:
         elif match := FILE.match(line):
             file = match[1]
     return found
-
-
-def patched(text: str, diff: str) -> str:
-    """Text with the lines of a diff added; its other lines tell where."""
-    lines = diff.splitlines()
-    before = "".join(f"{line[1:]}\n" for line in lines if not line.startswith("+"))
-    after = "".join(f"{line[1:]}\n" for line in lines)
-    assert text.count(before) == 1, f"the place of\n{diff}is not found once"
-    return text.replace(before, after)
 
 
 def run(folder: Path, words: list[str]) -> str:

@@ -17,7 +17,7 @@ from spmm_torch.edit import EDITS, MASKS, Script
 from tests.edit.looks import check_valid
 
 DOCS = Path(__file__).parents[2] / "docs"
-HEADING = re.compile(r"^#+ An edit, a mask$", re.MULTILINE)
+TITLE = "An edit, a mask"
 # A block that is a file begins with a comment that holds its path.
 FILE = re.compile(r"^```python\n(# (\S+)\.py\n.*?)^```$", re.MULTILINE | re.DOTALL)
 ENTRY = re.compile(r'^```python\n    "(\w+)": (\w+),\n```$', re.MULTILINE)
@@ -25,9 +25,9 @@ SCRIPT = re.compile(r"^```yaml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def section() -> str:
-    """The text from the heading of the example on."""
-    texts = [path.read_text(encoding="utf-8") for path in sorted(DOCS.glob("*.md"))]
-    return next(text[found.start() :] for text in texts if (found := HEADING.search(text)))
+    """The section of the example."""
+    page = (DOCS / "extending.md").read_text(encoding="utf-8")
+    return page.split(f"\n## {TITLE}\n")[1].split("\n## ")[0]
 
 
 @pytest.fixture
