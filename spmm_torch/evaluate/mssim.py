@@ -29,7 +29,7 @@ def mssim(spheres: Spheres) -> list[Score]:
     """
     scores = []
     for original, model, counts in zip(*spheres.shown(), spheres.counts, strict=True):
-        whole = minimum_filter(counts.numpy(), WINDOW, mode="constant", cval=0)
+        whole = minimum_filter(counts.numpy(), WINDOW, mode="constant", cval=0).astype(bool)
         planes = zip(y_cr_cb(original), y_cr_cb(model), strict=True)
         values = [float(ssim_map(*pair)[whole].mean()) for pair in planes]
         scores.append(dict(zip(CHANNELS, values, strict=True), mean=sum(values) / len(values)))
@@ -56,7 +56,7 @@ def ssim_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     # Imported here, since scikit-image is slow to load, too.
     from skimage.metrics import structural_similarity
 
-    _, similarity = structural_similarity(
+    found = structural_similarity(
         first,
         second,
         gaussian_weights=True,
@@ -65,4 +65,4 @@ def ssim_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         data_range=1.0,
         full=True,
     )
-    return np.asarray(similarity)
+    return np.asarray(found[1])
