@@ -6,7 +6,7 @@ import io
 import json
 import zipfile
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from markupsafe import escape
 
@@ -16,7 +16,7 @@ from .palette import PAGE, QUIET, TEXT, Colour
 from .plotter import draw
 from .scene import Scene
 
-# The page asks the network for its own icon only; an empty one is taken instead.
+# The page would load its icon from the network; an empty icon takes its place.
 ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
 TITLE = "<title>VTK.js | Example - OfflineLocalView</title>"
 
@@ -41,17 +41,19 @@ def save_html(scene: Scene, path: Path | str) -> None:
 def _packed(window: Any) -> bytes:
     """The scene of a `vtkRenderWindow` as the offline viewer of vtk.js reads it.
 
-    Done as trame-vtk does it for `pyvista.export_html`, but without the server that this starts.
+    As trame-vtk packs it for `pyvista.export_html`, but without starting a server.
     """
     from trame_vtk.modules.vtk import serializers
 
     serializers.initialize_serializers()
     context = serializers.SynchronizationContext()
     context.set_ignore_last_dependencies(True)
-    state = serializers.serialize(None, window, serializers.reference_id(window), context, 1)
+    reference = serializers.reference_id(window)
+    # None for objects without a serializer; render windows have one.
+    state = cast("dict[str, Any]", serializers.serialize(None, window, reference, context, 1))
     camera = window.GetRenderers().GetFirstRenderer().GetActiveCamera()
     state["extra"] = {
-        "vtkRefId": serializers.reference_id(window),
+        "vtkRefId": reference,
         "centerOfRotation": camera.GetFocalPoint(),
         "camera": serializers.reference_id(camera),
     }
@@ -84,5 +86,5 @@ def with_legend(page: str, scene: Scene) -> str:
 
 
 def css(colour: Colour) -> str:
-    """`#3062ab` of a colour."""
+    """A colour as CSS writes it: `#3062ab`."""
     return "#" + bytes(round(255 * x) for x in colour).hex()

@@ -17,21 +17,22 @@ from .scene import LegendRow, Part, Picture, Scene, Surface, View, Word
 from .slice_picture import slice_codes
 from .texel import luminance, model_title
 
-# Maps are shown at this many pixels at least, so that texels stay sharp squares.
+# Least pixels along the longer side of a map; small textures are enlarged to sharp squares.
 SHARP = 512
-# Half of a map's longer side, and the distance between the middles of two of them.
+# Half of a map's longer side, and the distance between the middles of neighbouring maps.
 HALF, STEP = 0.5, 1.12
+# Height of a capital letter, and distance between the rows of a key.
 CAPITAL, ROW = 0.042, 0.085
-# More numbers of lobes than this are shown by their ends only.
+# Rows of a key; if there are more numbers of lobes, only the least and greatest are listed.
 MAX_ROWS = 9
-# Of the window, in pixels, and what it shows.
+# Size of the window in pixels, and half of the height that it shows.
 SIZE, HALF_HEIGHT = (1280, 600), 1.07
 RIGHT, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
 class TexelMap:
-    """One map.
+    """A map over the texels of a texture.
 
     Attributes:
         title: what it shows.
@@ -71,10 +72,10 @@ def mean_normals(model: SPMM) -> Tensor:
 
     Texels without lobes have the normal of the surface.
     """
-    share = luminance(model.weight)[:, None]
+    weight = luminance(model.weight)[:, None]
     texel = torch.repeat_interleave(model.lobe_count_per_texel())
-    total = share.new_zeros(model.texel_count, 3)
-    total.index_add_(0, texel, share * model.normal[model.index])
+    total = weight.new_zeros(model.texel_count, 3)
+    total.index_add_(0, texel, weight * model.normal[model.index])
     empty = total.norm(dim=-1) == 0.0
     total[empty] = total.new_tensor([0.0, 0.0, 1.0])
     return total / total.norm(dim=-1, keepdim=True)
@@ -83,16 +84,16 @@ def mean_normals(model: SPMM) -> Tensor:
 def normal_map(model: SPMM) -> TexelMap:
     """Mean normals: red is x, green is y, blue is z, grey is 0."""
     codes = torch.round((0.5 * mean_normals(model) + 0.5) * 255.0).to(torch.uint8)
-    names = (("x, rightwards", 0), ("y, upwards", 1), ("z, outwards", 2))
-    key = tuple(
-        LegendRow(text, tuple(1.0 if channel == axis else 0.5 for channel in range(3)))
-        for text, axis in names
+    key = (
+        LegendRow("x, rightwards", (1.0, 0.5, 0.5)),
+        LegendRow("y, upwards", (0.5, 1.0, 0.5)),
+        LegendRow("z, outwards", (0.5, 0.5, 1.0)),
     )
     return TexelMap("Mean normals", _square(model, codes), key)
 
 
 def count_map(model: SPMM) -> TexelMap:
-    """How many lobes each texel has."""
+    """The number of lobes of each texel."""
     count = model.lobe_count_per_texel().cpu()
     colours = heat_colours(int(count.max()) + 1)
     present = torch.unique(count).tolist()
@@ -103,7 +104,7 @@ def count_map(model: SPMM) -> TexelMap:
 
 @torch.no_grad()
 def strongest_models(model: SPMM) -> Tensor:
-    """The BRDF that has the largest luminance of weights in each texel, `[T]`; -1 for no lobe."""
+    """The BRDF with the largest luminance of weights in each texel, `[T]`; -1 without lobes."""
     texel = torch.repeat_interleave(model.lobe_count_per_texel())
     kinds = len(MODEL_NAMES)
     place = texel * kinds + model.lobe_model.to(texel.device)[model.index]
@@ -114,7 +115,7 @@ def strongest_models(model: SPMM) -> Tensor:
 
 
 def model_map(model: SPMM) -> TexelMap:
-    """Which BRDF is the strongest in each texel."""
+    """The strongest BRDF of each texel."""
     strongest = strongest_models(model)
     colours = [model_colour(index) for index in range(len(MODEL_NAMES))]
     table = torch.tensor([*colours, PAGE]) * 255.0  # -1 picks the page

@@ -1,4 +1,4 @@
-"""What was measured of a texel, to stand beside its model."""
+"""Measured samples of one texel, to show beside its model."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..runs.folder import CONFIG
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured of a texel under one view.
+    """The samples of a texel under one measured view.
 
     Attributes:
         wo: the view `[3]`.
@@ -49,9 +49,9 @@ def measured_samples(btf: BTF, model: SPMM, texel: int, wo: Tensor) -> Measured:
 
 
 def measured_input(run: Path, against: str | None) -> BTF | None:
-    """The BTF that a run was fitted to, or the one given; None where the run's own is away.
+    """The BTF `against`, or else the input of the run; None where that no longer exists.
 
-    It is read as the run did: with the same gamma, cosine and crop.
+    It is read with the data settings of the run: gamma, cosine and crop.
 
     Raises:
         DataError: the BTF cannot be read.

@@ -19,19 +19,25 @@ from .scene import Floats, LegendRow, Part, Picture, Scene, Surface, View
 from .slice_picture import slice_codes
 from .texel import angles_text, luminance, model_title, texel_lobes
 
-# Directions of one small surface, and texels along the longer side at most.
+# Directions of one small surface: evenly spread, and on its rim.
 EVEN, RIM = 300, 48
+# Most texels along the longer side of the texture.
 MAX_TEXELS = 32
-# The tallest surface, in distances between neighbours; the texture is 2 wide or high at most.
+# Height of the tallest surface, in distances between neighbouring texels.
 TALLEST = 0.95
 OPACITY = 0.5
 ELEVATION = math.radians(48.0)
 
 
 def mosaic_scene(model: SPMM, across: int, wo: Tensor) -> Scene:
-    """Lobes of `across` texels along the longer side of the texture, evenly spread.
+    """Lobes of evenly spread texels, `across` of them along the longer side of the texture.
 
     All radii are luminances in one scale; surfaces of the same BRDF have the same colour.
+
+    Args:
+        model: of the texture.
+        across: texels along the longer side.
+        wo: unit view direction `[3]`.
 
     Raises:
         ConfigError: too few or too many texels.
@@ -81,12 +87,13 @@ def texel_places(texel: Tensor, height: int, width: int, half: tuple[float, floa
 
 
 def _half_size(model: SPMM) -> tuple[float, float]:
+    """Half width and half height of the texture, whose longer side is 2."""
     longest = max(model.height, model.width)
     return model.width / longest, model.height / longest
 
 
 def _ground(model: SPMM, half: tuple[float, float]) -> Picture:
-    """A slice of the texture, pale, so that surfaces stand out."""
+    """The texture from above, pale, so that surfaces stand out."""
     codes = (255 - (255 - slice_codes(model).astype(np.uint16)) * 55 // 100).astype(np.uint8)
     right, up = np.array([half[0], 0.0, 0.0]), np.array([0.0, half[1], 0.0])
     return Picture(codes, np.array([0.0, 0.0, -0.002]), right, up)

@@ -1,4 +1,4 @@
-"""Colours of the viewers: calm on a light page, and told apart by people who see few colours."""
+"""Colours of the viewers: calm on a light page, and distinct for colour-blind readers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SERIES: tuple[Colour, ...] = (
 
 
 def series_colour(number: int) -> Colour:
-    """The colour of the lobe of this number, from 0; they repeat after the last."""
+    """The colour of lobe `number`, counted from 0; colours repeat after the last."""
     return SERIES[number % len(SERIES)]
 
 

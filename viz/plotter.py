@@ -14,20 +14,18 @@ from ..runtime.atomic import new_file
 from .palette import PAGE, QUIET, TEXT, Colour
 from .scene import Arrow, Dots, Floats, Lines, Picture, Scene, Surface, View, Word
 
-# Pixels of the letters of the legend.
+# The legend, in points and pixels: letters of title and rows, height of a row, gap, margin.
 TITLE_SIZE, ROW_SIZE, ROW_HEIGHT, GAP, MARGIN = 13, 9, 21, 8, 24
-# Of the camera where rays diverge, in degrees; it stands so much further off that all is seen.
+# The perspective camera: field of view in degrees, and the factor on its distance for a margin.
 VIEW_ANGLE, ROOM = 30.0, 1.3
-# Arrows: shaft and head, in parts of their length.
+# Arrows: radii of shaft and head, and length of the head, as fractions of the whole length.
 SHAFT, HEAD, HEAD_LENGTH = 0.008, 0.022, 0.08
 MATTE = {"ambient": 0.35, "diffuse": 0.7, "specular": 0.08, "specular_power": 12}
 
 
 def draw(scene: Scene, off_screen: bool) -> Any:
     """A `pyvista.Plotter` that shows a scene; the caller closes it."""
-    import pyvista
-
-    plotter = pyvista.Plotter(off_screen=off_screen, window_size=list(scene.size))
+    plotter = _new_plotter(off_screen, scene.size)
     plotter.set_background(PAGE)
     plotter.enable_anti_aliasing("ssaa" if off_screen else "msaa")
     plotter.enable_depth_peeling(8)
@@ -35,6 +33,13 @@ def draw(scene: Scene, off_screen: bool) -> Any:
         DRAWN[type(part)](plotter, part)
     _set_view(plotter, scene.view)
     return plotter
+
+
+def _new_plotter(off_screen: bool, size: tuple[int, int]) -> Any:
+    """An empty plotter; `Any`, because the types of pyvista's decorated methods are wrong."""
+    import pyvista
+
+    return pyvista.Plotter(off_screen=off_screen, window_size=list(size))
 
 
 def save_picture(scene: Scene, path: Path | str) -> None:
@@ -67,7 +72,7 @@ def show(scene: Scene) -> None:
 
 
 def _set_view(plotter: Any, view: View) -> None:
-    """Parallel rays keep both plots in one scale; web pages know diverging ones only."""
+    """Points the camera: parallel rays, at the distance that perspective needs on web pages."""
     distance = ROOM * view.half_height / math.tan(math.radians(0.5 * VIEW_ANGLE))
     plotter.camera.focal_point = view.focus
     plotter.camera.position = view.focus + distance * view.direction
@@ -94,7 +99,7 @@ def _text(plotter: Any, text: str, at: tuple[float, float], size: int, colour: C
 
 
 def font_file() -> str | None:
-    """A TrueType font with all letters that are written, from matplotlib; else VTK's own."""
+    """matplotlib's DejaVu font, which has every letter of a legend; None for VTK's own font."""
     from importlib.util import find_spec
 
     spec = find_spec("matplotlib")
@@ -118,7 +123,7 @@ def _surface(plotter: Any, part: Surface) -> None:
         opacity=part.opacity,
         lighting=not part.flat,
         smooth_shading=not part.flat,
-        culling="back" if part.opacity < 1.0 else "none",  # the inside would look like stains
+        culling="back" if part.opacity < 1.0 else "none",  # back faces would look like stains
         **MATTE,
     )
 

@@ -19,7 +19,7 @@ from ..geometry.directions import (
 
 # Directions of a smooth surface, and of the rim that closes it.
 EVEN, RIM = 2500, 180
-# A narrow peak is followed by rings about its direction, at these angles in radians.
+# Rings about a narrow peak: their angles from it in radians, and directions on each.
 RINGS, RING_DIRECTIONS = torch.logspace(math.log10(0.004), math.log10(0.5), 22), 48
 # The rim lies just above the horizon, where lobes still have a value.
 RIM_THETA = math.radians(89.9)
@@ -47,7 +47,7 @@ def _rings(peaks: Tensor) -> Tensor:
 
 
 def mirror_directions(wo: Tensor, normals: Tensor) -> Tensor:
-    """wo `[3]` mirrored at unit normals `[P, 3]`: `[P, 3]`, where lobes that shine peak."""
+    """wo `[3]` mirrored at unit normals `[P, 3]`: `[P, 3]`, where glossy lobes peak."""
     return 2.0 * (normals @ wo)[:, None] * normals - wo
 
 

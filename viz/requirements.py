@@ -1,4 +1,4 @@
-"""What the viewers need from the machine; asked before VTK is started, which would crash."""
+"""Checks of the packages and libraries that viewers need; VTK crashes without them."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from importlib.util import find_spec
 from ..errors import ConfigError
 
 EXTRA = "pip install 'spmm_torch[viz]'"
-# Names to VTK the class that draws; without it VTK first tries, and complains of, a screen.
+# The variable that names VTK's window class; without it VTK tries a screen first and warns.
 WINDOW_CLASS = "VTK_DEFAULT_OPENGL_WINDOW"
-# Any one of these draws without a screen.
+# Libraries that draw without a screen; one of them is enough.
 EGL, OSMESA = "libEGL.so.1", ("libOSMesa.so.8", "libOSMesa.so.6")
-# Of the C interface of EGL: how a display is asked for, and the types of two of its functions.
+# The C interface of EGL: EGL_PLATFORM_DEVICE_EXT, most devices, and types of two functions.
 PLATFORM_DEVICE, MAX_DEVICES = 0x313F, 16
 QUERY_DEVICES = ctypes.CFUNCTYPE(
     ctypes.c_uint, ctypes.c_int, ctypes.POINTER(ctypes.c_void_p), ctypes.POINTER(ctypes.c_int)
@@ -25,23 +25,23 @@ PLATFORM_DISPLAY = ctypes.CFUNCTYPE(
 
 
 def require_packages(command: str, *names: str) -> None:
-    """Checks that the packages of the extra `viz` are there.
+    """Checks that the packages of the extra `viz` are installed.
 
     Raises:
-        ConfigError: one is not.
+        ConfigError: a package is missing.
     """
     missing = [name for name in names if find_spec(name) is None]
     if missing:
         raise ConfigError(
-            f"{command} needs {missing[0]}, which is not installed; get it by {EXTRA}."
+            f"{command} needs {missing[0]}, which is not installed; install it with {EXTRA}."
         )
 
 
 def use_offscreen(command: str) -> None:
-    """Has VTK draw without a screen, by EGL or else by OSMesa, in all that this process draws.
+    """Makes VTK draw without a screen in this process: by EGL, or else by OSMesa.
 
     Raises:
-        ConfigError: neither of them works here.
+        ConfigError: neither works on this machine.
     """
     if sys.platform != "linux":
         return
@@ -79,9 +79,9 @@ def can_load(library: str) -> bool:
 
 
 def egl_works() -> bool:
-    """Whether EGL is there and one of its devices answers: VTK aborts the process where none does.
+    """Whether EGL is installed and one of its devices starts; without, VTK aborts the process.
 
-    Asks as VTK does, through EGL_EXT_device_base and EGL_EXT_platform_device.
+    Devices are tried as VTK tries them: by EGL_EXT_device_base and EGL_EXT_platform_device.
     """
     if not can_load(EGL):
         return False

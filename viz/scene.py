@@ -1,6 +1,6 @@
-"""What a viewer shows, as plain arrays: surfaces, lines, dots, words and pictures in space.
+"""A scene of a viewer as plain arrays: surfaces, lines, dots, words and pictures in space.
 
-Nothing here knows VTK; `plotter` draws a scene and `html` exports it, so scenes are tested alone.
+Nothing here imports VTK: `plotter` draws scenes and `html` exports them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Surface:
 
 @dataclass(frozen=True)
 class Lines:
-    """Straight pieces between consecutive points of each of P polylines `[P, n, 3]`."""
+    """Polylines through the points `[P, n, 3]`, P of them with n points each."""
 
     points: Floats
     colour: Colour
@@ -37,7 +37,7 @@ class Lines:
 
 @dataclass(frozen=True)
 class Arrow:
-    """From `start [3]` along `vector [3]`."""
+    """An arrow from `start [3]` along `vector [3]`."""
 
     start: Floats
     vector: Floats
@@ -87,7 +87,7 @@ Part = Surface | Lines | Arrow | Dots | Word | Picture
 
 @dataclass(frozen=True)
 class LegendRow:
-    """A line of the legend: text, and the colour of the square before it, if there is one."""
+    """A line of the legend: text, and the colour of the square before it; None for no square."""
 
     text: str
     colour: Colour | None = None
@@ -101,7 +101,7 @@ class View:
         focus: the point in the middle `[3]`.
         direction: from the focus to the camera, unit `[3]`.
         up: `[3]`.
-        half_height: half of what the picture spans upwards, at the focus.
+        half_height: half of the picture's height, at the focus.
     """
 
     focus: Floats
@@ -112,11 +112,11 @@ class View:
 
 @dataclass(frozen=True)
 class Scene:
-    """All that is shown, with its legend.
+    """Parts in space with their legend.
 
     Attributes:
         title: one line.
-        parts: in space.
+        parts: what stands in space.
         legend: lines of text.
         view: where the camera stands at first.
         size: pixels of the picture or window, width and height.

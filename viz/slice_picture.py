@@ -1,4 +1,4 @@
-"""The texture itself as a picture to look at and to select on."""
+"""The texture seen from above, as a picture."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def slice_codes(model: SPMM, exposure: float | None = None) -> NDArray:
 
     Args:
         model: of the texture.
-        exposure: factor on linear values; None: nearly nothing clips.
+        exposure: factor on linear values; None for that of `auto_exposure`.
     """
     linear = slice_picture(model)
     if exposure is None:

@@ -1,4 +1,4 @@
-"""What a texel holds, for the viewer: its lobes, their values, and how they are told in words."""
+"""The lobes of one texel: their values, and their description in words."""
 
 from __future__ import annotations
 
@@ -59,14 +59,14 @@ def texel_lobes(model: SPMM, texel: int) -> TexelLobes:
 
 
 def luminance(rgb: Tensor) -> Tensor:
-    """Relative luminance `[...]` of linear RGB `[..., 3]` [ITU-R BT.709]; the mean of others."""
+    """Relative luminance `[...]` of linear RGB `[..., 3]` [ITU-R BT.709]; else the mean."""
     if rgb.shape[-1] != len(LUMINANCE):
         return rgb.mean(-1)
     return rgb @ torch.tensor(LUMINANCE, dtype=rgb.dtype)
 
 
 def angles_text(direction: Tensor) -> str:
-    """`45°, 120°`: polar angle and azimuth of a unit direction `[3]`, in whole degrees."""
+    """Polar angle and azimuth of a unit direction `[3]` in whole degrees: `45°, 120°`."""
     x, y, z = direction.tolist()
     theta = math.degrees(math.acos(max(-1.0, min(1.0, z))))
     phi = math.degrees(math.atan2(y, x)) % 360.0 if theta >= 0.5 else 0.0
@@ -84,5 +84,5 @@ def lobe_text(texel: TexelLobes, number: int) -> str:
 
 
 def model_title(name: str) -> str:
-    """`Blinn-Phong` of `blinn_phong`."""
+    """The title of a BRDF: `Blinn-Phong` of `blinn_phong`."""
     return REGISTRY[MODEL_NAMES.index(name)].title

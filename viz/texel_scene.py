@@ -21,16 +21,17 @@ from .texel import TexelLobes, angles_text, lobe_text, luminance
 
 # The largest radius of a surface is 1; normals end a little further out.
 NORMAL_LENGTH, DOT_RADIUS = 1.18, 0.022
-# From the middle to each of the two plots.
+# Distance of each of the two plots from the middle.
 HALF_GAP = 1.2
-# Pixels, with room for so many lobes in the legend; each further one adds a row.
+# Size of the window in pixels, with room for ROWS lobes in the legend; more lobes add rows.
 WIDTH, HEIGHT, ROWS = 1280, 720, 6
-# What the camera sees of it: half of its height, and its lower edge.
+# Half of the height that the camera sees, and its lower edge.
 HALF_HEIGHT, LOWEST = 1.42, -0.77
 # The camera looks across the plane of wo and z, from this elevation.
 ELEVATION = math.radians(24.0)
+# Points of a circle.
 CIRCLE = 120
-# Lobes shine through each other.
+# Opacities, so that lobes are seen through each other.
 LOBE_OPACITY, SUM_OPACITY = 0.62, 0.8
 
 
@@ -39,12 +40,12 @@ def texel_scene(
 ) -> Scene:
     """Polar plots of a texel's lobes, of their sum and of the measured samples, for one view.
 
-    All radii are luminances in one scale, which the legend tells: the largest one is 1.
+    All radii are luminances in one scale: the largest is 1, and the legend tells its value.
 
     Args:
         name: of the texel, for the title.
         texel: its lobes.
-        wo: unit view direction `[3]`; that of `measured` is taken where it is given.
+        wo: unit view direction `[3]`; that of `measured`, if given, takes its place.
         measured: samples under that view.
     """
     wo = (wo if measured is None else measured.wo).double()
@@ -92,7 +93,7 @@ def _right(wo: Tensor) -> Floats:
 
 
 def _view(right: Floats, height: int) -> View:
-    """A camera that sees both plots side by side, `right` rightwards, at the lower edge."""
+    """A camera that sees both plots side by side at its lower edge, `right` to the right."""
     back = np.array([right[1], -right[0], 0.0])
     direction = math.cos(ELEVATION) * back + math.sin(ELEVATION) * np.array([0.0, 0.0, 1.0])
     half = HALF_HEIGHT * height / HEIGHT
@@ -121,7 +122,7 @@ def _ground(at: Floats, right: Floats, wo: Tensor, caption: str) -> list[Part]:
 def _lobes(
     texel: TexelLobes, at: Floats, plots: list[Floats], triangles: NDArray[np.int64]
 ) -> list[Part]:
-    """Each lobe's surface about `at`, its normal and, if it has one, its tangent."""
+    """The surface of each lobe about `at`, its normal and, if anisotropic, its tangent."""
     turned = anisotropic_mask(texel.lobes.model)
     tangents = _tangents(texel)
     parts: list[Part] = []
@@ -143,7 +144,7 @@ def _tangents(texel: TexelLobes) -> Floats:
 
 
 def _samples(measured: Measured | None, scale: float, at: Floats) -> list[Part]:
-    """A ball for each measured sample, in the colour that was measured."""
+    """A ball for each measured sample, in its measured colour."""
     if measured is None:
         return []
     points = at + polar_points(measured.wi, luminance(measured.value), scale)
@@ -153,7 +154,7 @@ def _samples(measured: Measured | None, scale: float, at: Floats) -> list[Part]:
 
 
 def _legend(texel: TexelLobes, largest: float, measured: Measured | None) -> tuple[LegendRow, ...]:
-    """A row for each lobe, and what the radii mean."""
+    """A row on the meaning of the radii, and one for each lobe."""
     rows = [
         LegendRow(lobe_text(texel, number), series_colour(number))
         for number in range(len(texel.lobes))

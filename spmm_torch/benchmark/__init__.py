@@ -1,14 +1,14 @@
 """Speed against error, measured on this machine: `spmm benchmark [INPUT] -o OUT`.
 
-`OUT/benchmark.json` holds everything, `OUT/benchmark.html` shows it. Keys of the JSON; a value that
-is not finite is null, a part that was not asked for is missing:
+`OUT/benchmark.json` holds all results, `OUT/benchmark.html` shows them. Keys of the JSON follow;
+values that are not finite are null, and parts that were not asked for are missing:
 
     version: of this schema.
     environment: cpu, cores, threads, device, system, versions {package}, commit (`+`: changed
         since; null: no checkout).
     input: path, texels, direction_pairs, channels, raw_bytes.
-    protocol: repeats (at most), patience_seconds (no repeat after so long), overrides (settings
-        changed for all fits, in a small benchmark).
+    protocol: repeats (at most), patience_seconds (after which nothing is repeated), overrides
+        (settings changed for all fits, in a small benchmark).
     default: the fit with default settings, a FIT.
     sweep: rows [FIT + name, group, changes, mean_snr_db, on_front {seconds, bytes, both}].
     peers: rows [peer, name, group (whole, search, selection), texels (measured on), seconds (a
@@ -25,5 +25,5 @@ is not finite is null, a part that was not asked for is missing:
     TIME: median, fastest, slowest (seconds), runs.
     FIT: seconds (a TIME, from the input on disk), stages {stage: median seconds}, and, as in
         `report.json`, snr_db, mean_basis_per_texel, total_basis, bytes, compression_ratio,
-        peak_memory_bytes (null where the system does not let the peak be measured for each fit).
+        peak_memory_bytes (null where the system cannot measure the peak of a single fit).
 """

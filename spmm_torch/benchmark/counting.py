@@ -1,4 +1,4 @@
-"""What a computation costs, counted operation by operation while it runs."""
+"""The work of a computation, counted operation by operation while it runs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Self
+from typing import Any
 
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -23,9 +23,9 @@ class Work:
     """Operations and traffic.
 
     Attributes:
-        flops: of matrix products, two a multiplication with its addition; and one for every value
-            that any other operation writes, which is the least that it can be.
-        bytes: that the operations read and write, one at a time, as if nothing stayed in a cache.
+        flops: two for each multiply-add of a matrix product, and one for each value that any
+            other operation writes, as a lower bound.
+        bytes: read and written by the operations, as if nothing stayed in a cache.
     """
 
     flops: float = 0.0
@@ -61,7 +61,7 @@ class WorkCounter(TorchDispatchMode):
 
 
 def _only_views(function: Any) -> bool:
-    """Whether an operation only looks at its input in another way."""
+    """Whether an operation returns only views of its input."""
     returned = function._schema.returns
     return bool(returned) and all(
         value.alias_info is not None and not value.alias_info.is_write for value in returned
@@ -69,7 +69,7 @@ def _only_views(function: Any) -> bool:
 
 
 def _bytes(part: Tensor) -> int:
-    """Of the values that lie in memory: a broadcast dimension repeats, it takes no room."""
+    """Bytes of a tensor in memory, where broadcast dimensions take no room."""
     count = 1
     for size, stride in zip(part.shape, part.stride(), strict=True):
         count *= size if stride or size == 0 else 1
@@ -78,7 +78,7 @@ def _bytes(part: Tensor) -> int:
 
 @dataclass
 class CountingStopwatch(Stopwatch):
-    """Counts the work of each stage instead of telling its time only.
+    """A stopwatch that also counts the work of each stage.
 
     Attributes:
         work: by stage.
@@ -86,11 +86,12 @@ class CountingStopwatch(Stopwatch):
 
     work: defaultdict[str, Work] = field(default_factory=lambda: defaultdict(Work))
 
-    def take(self, other: Self) -> None:
-        """Adds what another watch has."""
+    def take(self, other: Stopwatch) -> None:
+        """Adds the seconds and the work of another watch."""
         super().take(other)
-        for stage, work in other.work.items():
-            self.work[stage] += work
+        if isinstance(other, CountingStopwatch):
+            for stage, work in other.work.items():
+                self.work[stage] += work
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:

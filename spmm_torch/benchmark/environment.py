@@ -1,4 +1,4 @@
-"""What a benchmark ran on: whoever reads its figures must be able to judge them."""
+"""The environment of a benchmark, by which its figures can be judged."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def environment(device: torch.device) -> dict[str, Any]:
 
 
 def cpu_model() -> str:
-    """The name of the processor, as the system tells it."""
+    """The name of the processor."""
     try:
         for line in CPU_FACTS.read_text(encoding="utf-8").splitlines():
             key, _, value = line.partition(":")
@@ -45,7 +45,7 @@ def cpu_model() -> str:
 
 
 def commit(folder: Path) -> str | None:
-    """The commit of a checkout, `+` behind it if files were changed since; None if it is none."""
+    """The commit of a checkout, with `+` if files changed since; None outside of a checkout."""
 
     def git(*arguments: str) -> str:
         command = ("git", "-C", str(folder), *arguments)

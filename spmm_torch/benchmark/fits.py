@@ -1,4 +1,4 @@
-"""Fits that are timed, from the input on disk to the model."""
+"""Timed fits, from the input on disk to the model."""
 
 from __future__ import annotations
 
@@ -20,21 +20,21 @@ from ..runtime.context import Context
 from .protocol import Timing, forget_peak, stage_medians
 from .scope import Bench
 
-# Stages that a fit can take over from another one whose settings for them are the same.
+# Stages that a fit can take over from another one with the same settings for them.
 EARLY_STAGES = ("cluster.safetensors", "search.safetensors")
-# Settings that only matter behind them.
+# Settings that only matter after these stages.
 LATER_SETTINGS = {"dictionary", "select", "residual"}
 
 
 @dataclass(frozen=True)
 class TimedFit:
-    """A fit and what it took.
+    """A fit and its time.
 
     Attributes:
         result: of the last run.
         timing: seconds from the input on disk to the model.
         stages: median seconds by stage.
-        peak_known: whether the peak of the memory in the report is that of this fit alone.
+        peak_known: whether the report's peak of memory is that of this fit alone.
     """
 
     result: FitResult
@@ -63,12 +63,12 @@ class TimedFit:
 
 
 def plain_fit(btf: BTF, config: FitConfig, context: Context | None = None) -> FitResult:
-    """A fit with nothing behind it: what every part of a benchmark times."""
+    """A fit without pictures, as every part of a benchmark times it."""
     return fit(btf, config, context, render=False)
 
 
 def timed_fit(bench: Bench, config: FitConfig) -> TimedFit:
-    """A fit of the input, repeated as the protocol wants."""
+    """A fit of the input, repeated by the protocol."""
     protocol, results, known = bench.scope.protocol, [], True
     while not results or (
         len(results) < protocol.repeats and sum(_totals(results)) < protocol.patience
@@ -82,8 +82,7 @@ def timed_fit(bench: Bench, config: FitConfig) -> TimedFit:
 class SharedStages:
     """Early stages of fits, kept on disk for others with the same settings.
 
-    What a fit takes over is not timed again: its report has the seconds that those stages took
-    when they ran.
+    Stages that a fit takes over are not timed again: its report has the seconds of their own run.
     """
 
     folder: Path
@@ -92,12 +91,12 @@ class SharedStages:
     @classmethod
     @contextmanager
     def open(cls) -> Iterator[SharedStages]:
-        """Keeps them until the end."""
+        """Keeps the stages until the context ends."""
         with tempfile.TemporaryDirectory(prefix="spmm_torch-benchmark-") as folder:
             yield cls(Path(folder))
 
     def fit(self, bench: Bench, config: FitConfig) -> TimedFit:
-        """One run with the early stages of an earlier one, if there was one with the same."""
+        """One fit, with the early stages of an earlier one of the same settings if there is one."""
         key = _early_settings(config)
         state = self.folder / "state"
         state.mkdir()
@@ -121,7 +120,7 @@ class SharedStages:
 
 
 def _early_settings(config: FitConfig) -> str:
-    """All that the clusters and the lobes found depend on, as text."""
+    """All settings that clusters and found lobes depend on, as text."""
     values = with_lobe_limit(config).to_dict()
     later = LATER_SETTINGS | (set() if config.search.method == "stagewise" else {"stagewise"})
     return json.dumps({key: value for key, value in values.items() if key not in later})

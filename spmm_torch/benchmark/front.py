@@ -1,4 +1,4 @@
-"""The Pareto front: what nothing else beats in both cost and quality."""
+"""The Pareto front of cost and quality."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 
 def pareto_front(qualities: Sequence[float], *costs: Sequence[float]) -> list[bool]:
-    """Whether each point is on the front: no other is better in one thing and worse in none.
+    """Whether each point is on the front: no other is better in one value and worse in none.
 
-    Of points alike in all, all or none are on it.
+    Equal points are all on it, or none is.
 
     Args:
-        qualities: of the points; more is better.
-        costs: of one kind or several; less is better.
+        qualities: of the points; higher is better.
+        costs: of the points, one kind or several; lower is better.
     """
     points = [(-quality, *cost) for quality, *cost in zip(qualities, *costs, strict=True)]
     return [not any(_dominates(other, point) for other in points) for point in points]

@@ -1,8 +1,8 @@
-"""Part limits: each stage against what it must do over what the machine can do.
+"""Part limits: the time of each stage against the least time that the machine allows.
 
 The machine is measured in the same run: the speed of a matrix product in float32, and of a copy.
-What a stage must do is the least that any program for the same algorithm does: read its input once
-a pass, and multiply what the algorithm multiplies. Its limit is the larger of both times.
+The least work of a stage is that of any program for the same algorithm: to read its input once a
+pass, and to multiply what the algorithm multiplies. The limit is the larger of both times.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .scope import Bench, Scope
 from .variants import DEFAULT, shipped
 
 FLOAT = 4
-# What the report calls by several names and what is one stage here: all texels against the lobes.
+# Stages here, and their names in the report; `select` is all work on texels and given lobes.
 STAGES = {
     "load": ("load",),
     "cluster": ("cluster",),
@@ -37,24 +37,24 @@ STAGES = {
     "select": ("select", "refit", "evaluate"),
     "residual": ("residual",),
 }
-# Passes over all values of the range finder, and the products of each pass.
+# Passes of the range finder over all values, and its products in each pass.
 PASSES, PRODUCTS = 2, 3
 MEASUREMENTS = 4  # product, copy, bare decoding, counting
 Row = dict[str, Any]
 
 
 def count(scope: Scope) -> int:
-    """How many things are measured."""
+    """The number of measurements."""
     return MEASUREMENTS
 
 
 def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
-    """The machine, and each stage of the default fit against its limit.
+    """Measures the machine, and compares each stage of the default fit with its limit.
 
     Returns:
-        `machine`, see `machine_speed`; `rows` with `stage`, `seconds`, `flops` and `bytes` that it
-        must do, `limit_seconds`, `fraction` (limit over seconds), and `counted_flops`,
-        `counted_bytes`, `counted_fraction`: the same for the operations as they are, one by one.
+        `machine`, see `machine_speed`; `bare_decoding`; `rows` with `stage`, `seconds`, `flops`
+        and `bytes` of its least work, `limit_seconds`, `fraction` (limit over seconds), and
+        `counted_flops`, `counted_bytes`, `counted_fraction` of the operations that really ran.
     """
     machine = machine_speed(bench)
     bare = bare_decoding(bench)
@@ -91,12 +91,12 @@ def _row(stage: str, seconds: float, needed: Work, done: Work, machine: Row) -> 
 
 
 def seconds_of(work: Work, machine: Row) -> float:
-    """The least time that some work takes on the machine."""
+    """The least time of some work on the machine."""
     return max(work.flops / machine["flops_per_second"], work.bytes / machine["bytes_per_second"])
 
 
 def machine_speed(bench: Bench) -> Row:
-    """What the machine can do: `flops_per_second` of a product, `bytes_per_second` of a copy."""
+    """Speed of the machine: `flops_per_second` of a product, `bytes_per_second` of a copy."""
     scope, device = bench.scope, bench.device
     matrix = torch.rand(scope.product, scope.product, device=device)
     source = torch.rand(scope.copied // FLOAT, device=device)
@@ -114,14 +114,15 @@ def machine_speed(bench: Bench) -> Row:
 
 
 def bare_decoding(bench: Bench) -> Timing | None:
-    """Seconds to decode all pictures by as many threads as the reader has, and drop them.
+    """Seconds to decode all pictures in as many threads as the reader has, and to drop them.
 
-    None where the input is no set of pictures, or only a part of it is taken.
+    None unless the input is a set of pictures that is read as a whole.
     """
     if not accepts(bench.source) or not bench.open().part.is_whole:
         return None
     pictures = PictureSet.scan(bench.source, DEFAULT_OPTIONS)
-    files = pictures.grid.files
+    # The default options refuse sets with missing pictures, so no name is None.
+    files = [name for name in pictures.grid.files if name is not None]
 
     def work() -> None:
         with open_archive(bench.source) as archive:
@@ -138,7 +139,7 @@ def bare_decoding(bench: Bench) -> Timing | None:
 
 
 def counted(bench: Bench) -> dict[str, Work]:
-    """The work of each stage of the default fit, as it runs."""
+    """The work of each stage of the default fit, counted while it runs."""
     watch = CountingStopwatch(bench.device)
     config = on_device(shipped(DEFAULT, bench.scope.overrides), bench.device)
     plain_fit(bench.open(), config, Context.build(config.device, config.seed, watch=watch))
@@ -146,12 +147,12 @@ def counted(bench: Bench) -> dict[str, Work]:
 
 
 def least_work(btf: BTF, result: FitResult, search: Work) -> dict[str, Work]:
-    """What each stage must do.
+    """The least work of each stage.
 
     Args:
         btf: the input.
         result: of the fit.
-        search: the flops of the search as it runs: there is no formula for what it must do.
+        search: counted work of the search, whose flops stand for the least: it has no formula.
     """
     texels, pairs, channels = btf.texel_count, btf.pair_count, btf.channels
     values, raw = texels * pairs * channels, btf.raw_bytes

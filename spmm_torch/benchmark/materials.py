@@ -1,4 +1,4 @@
-"""The input made larger, to see how time grows: more texels, or more directions."""
+"""The input made larger for measurements of scaling: more texels, or more directions."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..data.store import Store
 from ..geometry.directions import ring_directions
 from ..geometry.hemisphere import HemisphereInterpolation
 
-# Gains of the repeats: their range, and how many waves of them fit across the picture.
+# Gains of the repeats: their range, most waves across the picture, and number of waves.
 DARKEST, BRIGHTEST, WAVES, FIELDS = 0.6, 1.0, 5, 8
 
 
 @dataclass(frozen=True)
 class TiledStore:
-    """Another store's texels, repeated, each with a gain of its own.
+    """Repeated texels of another store, each with its own gain.
 
     Attributes:
         base: the store that is repeated.
-        texel: which of its texels each one is, `[T]`.
+        texel: index of each texel in the base, `[T]`.
         gain: of each texel and channel, `[T, C]`.
     """
 
@@ -53,13 +53,13 @@ class TiledStore:
 def tiled(btf: BTF, base: Store, count: int) -> BTF:
     """A square of about `count` texels: those of `btf` repeated, no two alike.
 
-    Smooth gains for each channel tell the repeats apart. Values are computed when they are asked
-    for, from the codes of `btf`, so memory stays that of `btf`.
+    Smooth gains of each channel tell the repeats apart. Values are computed from the codes of
+    `btf` when they are read, so memory stays that of `btf`.
 
     Args:
-        btf: what is repeated.
+        btf: that is repeated.
         base: its values.
-        count: of texels.
+        count: number of texels.
     """
     side = round(math.sqrt(count))
     store = TiledStore(base, repeated(btf, side), gains(side, btf.channels))
@@ -75,7 +75,7 @@ def tiled(btf: BTF, base: Store, count: int) -> BTF:
 
 
 def repeated(btf: BTF, side: int) -> Tensor:
-    """Which texel of a BTF stands at each of `side * side` places, `[side * side]`."""
+    """The texel of a BTF at each of `side * side` places, `[side * side]`."""
     row, column = torch.arange(side) % btf.height, torch.arange(side) % btf.width
     return (row[:, None] * btf.width + column).flatten()
 
@@ -96,7 +96,7 @@ def gains(side: int, channels: int) -> Tensor:
 
 
 def with_directions(btf: BTF, rings: tuple[tuple[float, int], ...]) -> BTF:
-    """The same texels on other directions, interpolated between the measured ones."""
+    """The same texels under other directions, interpolated between measured ones."""
     directions = ring_directions(rings)
     view = _interpolation(btf.view, directions)  # [V', V]
     light = _interpolation(btf.light, directions)  # [L', L]

@@ -1,4 +1,4 @@
-"""How everything is timed: warm-up, repeats, median and spread, the device waited for."""
+"""The protocol of timing: warm-up, repeats, median and spread, and a synchronized device."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import torch
 
 from ..runtime.memory import peak_resident_memory
 
-# Writing this resets the peak that Linux keeps of a process's memory.
+# Writing this code to this file resets Linux's peak of the memory of a process.
 PEAK_RESET, RESET_CODE = Path("/proc/self/clear_refs"), "5"
 
 R = TypeVar("R")
@@ -23,12 +23,12 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Protocol:
-    """How often things are measured.
+    """The number of repeats.
 
     Attributes:
         repeats: of each measurement, at most.
-        patience: seconds after which a measurement is not repeated any more; the number of its
-            runs is published with it.
+        patience: seconds after which a measurement is not repeated; its number of runs is
+            published.
     """
 
     repeats: int
@@ -43,7 +43,7 @@ class Timing:
 
     @property
     def median(self) -> float:
-        """The seconds that are published."""
+        """The published seconds."""
         return median(self.runs)
 
     def to_dict(self) -> dict[str, Any]:
@@ -59,39 +59,46 @@ class Timing:
 def measure(
     work: Callable[[], R], protocol: Protocol, device: torch.device, *, warm_up: bool = True
 ) -> tuple[R, Timing]:
-    """The last result of some work, and its seconds.
+    """The last result of some work, and its time.
 
     Args:
-        work: what is timed; the same at every call.
-        protocol: how often.
-        device: what is waited for before and after.
-        warm_up: run it once before, unless something like it has run already.
+        work: that is timed; the same at every call.
+        protocol: of the repeats.
+        device: that is synchronized before and after.
+        warm_up: run the work once before; not needed if similar work has run already.
     """
     if warm_up:
         work()
-    runs: list[float] = []
-    while not runs or (len(runs) < protocol.repeats and sum(runs) < protocol.patience):
-        start = now(device)
-        result = work()
-        runs.append(now(device) - start)
+    result, seconds = _timed(work, device)
+    runs = [seconds]
+    while len(runs) < protocol.repeats and sum(runs) < protocol.patience:
+        result, seconds = _timed(work, device)
+        runs.append(seconds)
     return result, Timing(tuple(runs))
 
 
+def _timed(work: Callable[[], R], device: torch.device) -> tuple[R, float]:
+    """The result of some work, and its seconds."""
+    start = now(device)
+    result = work()
+    return result, now(device) - start
+
+
 def now(device: torch.device) -> float:
-    """Seconds, once a GPU has done what is queued."""
+    """The clock in seconds, after all queued work of a GPU."""
     if device.type == "cuda":
         torch.cuda.synchronize(device)
     return time.perf_counter()
 
 
 def stage_medians(reports: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """The median over runs of the seconds of each stage of a fit."""
+    """The median seconds of each stage of a fit over its runs."""
     stages = reports[0]["seconds"]
     return {stage: median(report["seconds"][stage] for report in reports) for stage in stages}
 
 
 def forget_peak(device: torch.device) -> bool:
-    """Starts the peak of the memory anew; False where the system does not allow that."""
+    """Resets the peak of the memory; False where the system does not allow that."""
     gc.collect()
     if device.type == "cuda":
         torch.cuda.reset_peak_memory_stats(device)

@@ -1,4 +1,4 @@
-"""How often a benchmark repeats a measurement, at most; help texts tell it without torch."""
+"""Most repeats of a measurement; a module of its own, so that help texts do not load torch."""
 
 from __future__ import annotations
 

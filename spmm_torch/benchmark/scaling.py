@@ -1,4 +1,4 @@
-"""Part scaling: how time grows with texels and directions, and shrinks with threads."""
+"""Part scaling: growth of time with texels and directions, and its fall with threads."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ from .scope import Bench, Scope
 from .variants import DEFAULT, shipped
 
 RINGS = (UBO2003_RINGS, UBO2014_RINGS)
-# Stages that take less than this are not worth an exponent.
+# Stages that take less than this are too short for an exponent.
 LEAST_SECONDS = 0.05
 Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Case:
-    """One fit: its size, and with what.
+    """One fit: size, device and threads.
 
     Attributes:
         varies: `texels` or `directions`.
-        texels: how many.
-        rings: of the directions; None: those of the input.
-        device: where.
+        texels: their number.
+        rings: of the directions; None for those of the input.
+        device: of the fit.
         threads: of the CPU.
     """
 
@@ -46,7 +46,7 @@ class Case:
 
 
 def cases(scope: Scope, devices: Sequence[torch.device], threads: int) -> list[Case]:
-    """All that is measured: on all threads, and smaller ones on one."""
+    """All fits: on all threads, and the smaller ones on one thread, too."""
     found = []
     for device in devices:
         found += [Case("texels", count, None, device, threads) for count in scope.texels]
@@ -58,19 +58,19 @@ def cases(scope: Scope, devices: Sequence[torch.device], threads: int) -> list[C
 
 
 def devices() -> list[torch.device]:
-    """The CPU, and CUDA where there is one."""
+    """The CPU, and CUDA where available."""
     return [torch.device("cpu")] + [torch.device("cuda")] * torch.cuda.is_available()
 
 
 def count(scope: Scope) -> int:
-    """How many things are measured."""
+    """The number of measurements."""
     return len(cases(scope, devices(), torch.get_num_threads()))
 
 
 def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
     """Fits the input at several sizes with default settings.
 
-    Decoding is left out: the values lie in memory, and repeats of them are computed on the fly.
+    Decoding is not timed: values lie in memory, and repeats are computed on the fly.
 
     Returns:
         `rows` with `varies`, `texels`, `direction_pairs`, `device`, `threads`, `seconds` by stage;
@@ -109,11 +109,11 @@ def _measured(case: Case, btf: BTF, config: FitConfig) -> Row:
 
 
 def exponents(rows: Sequence[Row]) -> list[Row]:
-    """How seconds grow with texels, and with direction pairs, for each device and thread count.
+    """Growth of seconds with texels and direction pairs, by device and number of threads.
 
     Returns:
         rows with `varies`, `device`, `threads` and `power`: by stage the exponent p of the fit
-        seconds ~ size^p, in logarithms; None where there is too little time to tell.
+        seconds ~ size^p, in logarithms; None where the times are too short.
     """
     keys = dict.fromkeys((row["varies"], row["device"], row["threads"]) for row in rows)
     found = []
@@ -138,5 +138,5 @@ def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float | None:
     if len({size for size, _ in pairs}) < 2:
         return None
     x, y = (np.log(column) for column in zip(*pairs, strict=True))
-    slope = float(np.polyfit(x, y, 1)[0])
-    return slope if math.isfinite(slope) else None
+    power = float(np.polyfit(x, y, 1)[0])
+    return power if math.isfinite(power) else None

@@ -1,4 +1,4 @@
-"""How much a benchmark measures: a full one, and a small one that only shows that it runs."""
+"""The scope of a benchmark: full, or small just to show that it runs."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from .repeats import FULL_REPEATS, SMALL_REPEATS
 
 @dataclass(frozen=True)
 class Scope:
-    """What is measured.
+    """The measurements of a benchmark.
 
     Attributes:
-        protocol: repeats.
+        protocol: of all timings.
         selection: part of the input.
-        overrides: of every setting that is fit with.
-        sweep: groups of variants that are swept; None: all.
-        search_texels: on which the search by SciPy is measured, which is too slow for more.
-        dictionary_texels: on which the solvers for one texel at a time are measured.
-        training: times that the neural peer trains, in times that the default fit takes.
-        texels: counts that scaling is measured at.
-        few_texels: scaling with one thread is measured up to so many.
-        direction_texels: at which the number of directions is varied.
-        product, copied: side of the matrices, and bytes, that tell what the machine can do.
+        overrides: settings of all fits, over those of their files.
+        sweep: groups of variants that are swept; None for all.
+        search_texels: texels of the search by SciPy, which is too slow for more.
+        dictionary_texels: texels of the solvers for one texel at a time.
+        training: training times of the neural peer, in units of the time of the default fit.
+        texels: numbers of texels for scaling.
+        few_texels: most texels for scaling with one thread.
+        direction_texels: texels while the number of directions varies.
+        product, copied: side of the matrices, and bytes of the copy, that measure the machine.
     """
 
     protocol: Protocol
@@ -46,7 +46,7 @@ class Scope:
     copied: int = 1 << 28
 
 
-# A part of the input that is fit before anything counts.
+# The part of the input that is fitted to warm up.
 WARM_UP = Selection(texels=16, directions="0,30,60")
 
 FULL = Scope(Protocol(repeats=FULL_REPEATS, patience=40.0))
@@ -77,14 +77,14 @@ SMALL = Scope(
 
 @dataclass(frozen=True)
 class Bench:
-    """What all parts of a benchmark share.
+    """Input, scope and device of all parts of a benchmark.
 
     Attributes:
         source: the input.
-        scope: how much to measure.
+        scope: of the measurements.
         device: of the fits.
-        progress: who is told how far it is.
-        advance: called once for each thing that was measured.
+        progress: of the command.
+        advance: called after each measurement.
     """
 
     source: Path

@@ -1,4 +1,4 @@
-"""Part sweep: our own settings against each other, in seconds, bytes and decibels."""
+"""Part sweep: our own settings compared in seconds, bytes and decibels."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ def variants_of(scope: Scope) -> tuple[Variant, ...]:
 
 
 def count(scope: Scope) -> int:
-    """How many things are measured."""
+    """The number of measurements."""
     return len(SHIPPED) + len(variants_of(scope))
 
 
 def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
-    """Measures all settings that ship, and all variants of the default.
+    """Measures all shipped settings, and all variants of the default.
 
     Returns:
-        `rows`, each with what `TimedFit.row` has and `name`, `group`, `changes`, `mean_snr_db`
-        (of both errors, in dB) and `on_front` of `seconds`, of `bytes` and of `both` against it.
+        `rows` with the keys of `TimedFit.row` and `name`, `group`, `changes`, `mean_snr_db` (over
+        both errors) and `on_front`: of mean SNR against `seconds`, `bytes` and `both`.
     """
     rows = [_shipped(bench, name, default) for name in SHIPPED]
     base = shipped(DEFAULT, bench.scope.overrides)

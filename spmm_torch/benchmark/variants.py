@@ -1,4 +1,4 @@
-"""Our own settings: those that ship, and what becomes of the default when one of them changes."""
+"""Our own settings: the shipped ones, and variants of the default."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..brdf import PAPER_MODELS
 from ..config.fit import FitConfig
 
 DEFAULT = "default"
-# Settings that ship as configs/NAME.yaml, in the order of the tables.
+# Shipped settings, configs/NAME.yaml, in the order of the tables.
 SHIPPED = ("fast", DEFAULT, "quality", "paper", "smoke")
 
 
@@ -20,7 +20,7 @@ class Variant:
     """The default with some settings changed.
 
     Attributes:
-        group: what is varied.
+        group: the kind of change.
         changes: as for `spmm fit --set`.
     """
 
@@ -29,7 +29,7 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """The changes, shortly."""
+        """The changes as one text."""
         return ", ".join(self.changes)
 
 
@@ -41,8 +41,8 @@ def _models(*names: str) -> Variant:
     return Variant("models", (f"search.models=[{', '.join(names)}]",))
 
 
-# Where the settings of the paper's selection differ from the corrective one, its lambda is varied
-# too; `select.min_gain` takes the place of lambda in the corrective one.
+# The group `lambda` varies the sparsity of the selection: `select.min_gain` of FoBa, the default,
+# and `stagewise.lambda_min` of the paper's stagewise Lasso.
 STAGEWISE = "select.method=stagewise"
 VARIANTS: tuple[Variant, ...] = (
     *_each("samples", "sample.per_cluster", 1, 2, 4, 16),
@@ -68,6 +68,6 @@ VARIANTS: tuple[Variant, ...] = (
 
 
 def shipped(name: str, overrides: tuple[str, ...] = ()) -> FitConfig:
-    """The settings of `configs/NAME.yaml`, with those of the benchmark over them."""
+    """The settings of `configs/NAME.yaml` with some overrides."""
     text = (files("spmm_torch.configs") / f"{name}.yaml").read_text(encoding="utf-8")
     return FitConfig.from_dict(yaml.safe_load(text) or {}).override(list(overrides))

@@ -1,4 +1,4 @@
-"""Part weightings: what each weighting of errors does to SNR, and to how pictures look."""
+"""Part weightings: SNR and similarity of pictures for each weighting of errors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ KINDS = ("l2", "cube-root", "log")
 
 
 def count(scope: Scope) -> int:
-    """How many things are measured."""
+    """The number of measurements."""
     return len(KINDS)
 
 
@@ -24,7 +24,7 @@ def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
     """Fits with each weighting, and compares pictures of a sphere with those of the input.
 
     Returns:
-        `rows`, each with what `TimedFit.row` has and `error`, `mssim` {y, cr, cb, mean} and `flip`
+        `rows` with the keys of `TimedFit.row` and `error`, `mssim` {y, cr, cb, mean} and `flip`
         (null without the extra `eval`).
     """
     btf = bench.open().load()

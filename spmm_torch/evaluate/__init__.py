@@ -1,4 +1,4 @@
-"""What a model is worth: errors, similarity of pictures, and where it fails: `spmm evaluate RUN`.
+"""Quality of a model: errors, similarity of pictures, worst places: `spmm evaluate RUN`.
 
 `likeness` renders and scores the sphere pictures that `fit` reports; `judge` makes all figures of
 `evaluation.json`.

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..data.selection import RING_TOLERANCE
 
-# More polar angles than this are shown in bands of equal width.
+# Most rings of equal polar angle; more are merged to bands of equal width.
 MAX_RINGS, BANDS = 12, 12
 
 
@@ -28,16 +28,16 @@ class AngleTable:
     error: Tensor
 
     def snr_db(self) -> Tensor:
-        """SNR of each cell in decibels; NaN where no pair lies."""
+        """SNR of each cell in decibels, `[rows, columns]`; NaN where no pair lies."""
         return 10.0 * torch.log10(self.energy / self.error)
 
-    def share(self) -> Tensor:
-        """The part of the whole error in each cell; NaN where no pair lies."""
+    def error_fraction(self) -> Tensor:
+        """The fraction of the error in each cell, `[rows, columns]`; NaN where no pair lies."""
         return torch.where(self.energy > 0.0, self.error / self.error.sum(), torch.nan)
 
 
 def by_angle(view: Tensor, light: Tensor, energy: Tensor, error: Tensor) -> AngleTable:
-    """Adds up sums of squares `[D]` of the pairs of views `[V, 3]` and lights `[L, 3]`."""
+    """Sums of squares by rings, of those `[D]` of pairs of views `[V, 3]` and lights `[L, 3]`."""
     (row, view_degrees), (column, light_degrees) = rings(view), rings(light)
     rows = torch.nn.functional.one_hot(row, len(view_degrees)).double()  # [V, rows]
     columns = torch.nn.functional.one_hot(column, len(light_degrees)).double()
@@ -46,7 +46,7 @@ def by_angle(view: Tensor, light: Tensor, energy: Tensor, error: Tensor) -> Angl
 
 
 def rings(directions: Tensor) -> tuple[Tensor, tuple[float, ...]]:
-    """Ring of each direction of `[N, 3]`, and the polar angle of each ring in degrees, rising."""
+    """The ring of each direction `[N]` of `[N, 3]`, and rising polar angles of rings in degrees."""
     exact = directions.double().cpu()
     polar = torch.atan2(exact[:, :2].norm(dim=1), exact[:, 2])
     order = polar.argsort()

@@ -1,4 +1,4 @@
-"""The judgement of a model: every figure of `evaluation.json`."""
+"""All figures of `evaluation.json`: a model compared with its input."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ALL_FITTED = (
 
 @dataclass(frozen=True)
 class Likeness:
-    """How alike the sphere pictures of a model and its BTF are.
+    """Similarity of the sphere pictures of a model and its BTF.
 
     Attributes:
         spheres: the pictures.
@@ -46,13 +46,13 @@ class Likeness:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What an evaluation finds.
+    """The results of an evaluation.
 
     Attributes:
-        source: what was compared.
+        source: the run and its input.
         errors: squared errors over the whole input.
         table: errors of the fitted pairs by polar angles.
-        held_out: the same of the other pairs; None if there are none.
+        held_out: the same of the pairs that were not fitted; None if all were.
         likeness: of the sphere pictures.
         figures: the content of `evaluation.json`.
     """
@@ -72,7 +72,7 @@ def likeness(model: SPMM, btf: BTF, device: torch.device | str) -> Likeness:
 
 
 def judge(source: Source, device: torch.device, progress: Progress) -> Judgement:
-    """Compares the saved model with its input in every way.
+    """Compares a saved model with its input.
 
     Raises:
         DataError: the input cannot be decoded or is not valid.
@@ -127,9 +127,9 @@ def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, flo
 
 
 def report_difference(figures: dict[str, Any], report: dict[str, Any]) -> float | None:
-    """The largest difference in decibels to what the fit itself reported.
+    """The largest difference in decibels from the figures that the fit reported.
 
-    Infinite figures are null there and do not count; None where no figure does.
+    Infinite figures are null in the report and are left out; None if all are.
     """
     reported = {group: report.get(group) or {} for group in ("psnr_db", "snr_db")}
     differences = [
@@ -150,7 +150,7 @@ def _table(btf: BTF, errors: SquaredErrors, pairs: Tensor) -> AngleTable:
 def _held_out(
     source: Source, errors: SquaredErrors, peak: float, table: AngleTable
 ) -> dict[str, Any]:
-    """The errors at pairs that the fit did not see."""
+    """Errors at the pairs that were not fitted."""
     pairs = source.held_out
     number = int(pairs.sum())
     count = source.btf.texel_count * number * source.btf.channels

@@ -20,16 +20,16 @@ Score = dict[str, float]
 def mssim(spheres: Spheres) -> list[Score]:
     """The mean structural similarity of each pair of sphere pictures: `y`, `cr`, `cb`, `mean`.
 
-    The pictures, their lights, exposure and tone curve are those of `spheres`. Tone-mapped RGB in
-    0..1 becomes full-range Y, Cr and Cb by the matrix of ITU-R BT.601. Each channel is compared on
-    its own in the setting of [WBS*04]: a Gaussian window of 11 x 11 pixels and deviation 1.5,
+    Pictures, lights, exposure and tone curve are those of `spheres`. Tone-mapped RGB in 0..1 is
+    converted to full-range Y, Cr and Cb by the matrix of ITU-R BT.601. Each channel is compared
+    with the parameters of [WBS*04]: a Gaussian window of 11 x 11 pixels and deviation 1.5,
     covariances divided by N, K1 = 0.01, K2 = 0.03 and a range of 1. The mean is taken over the
-    pixels whose whole window counts in `Spheres.counts`: the black beside the sphere and the unlit
-    side, which agree in any case, are left out. `mean` is that of the three channels.
+    pixels whose whole window counts in `Spheres.counts`, which leaves out the background and the
+    unlit side, black in both pictures. `mean` is over the three channels.
     """
     scores = []
     for original, model, counts in zip(*spheres.shown(), spheres.counts, strict=True):
-        whole = minimum_filter(counts.numpy(), WINDOW, mode="constant", cval=0)
+        whole = minimum_filter(counts.numpy(), WINDOW, mode="constant", cval=0).astype(bool)
         planes = zip(y_cr_cb(original), y_cr_cb(model), strict=True)
         values = [float(ssim_map(*pair)[whole].mean()) for pair in planes]
         scores.append(dict(zip(CHANNELS, values, strict=True), mean=sum(values) / len(values)))
@@ -44,7 +44,7 @@ def mean_score(scores: Iterable[Score]) -> Score:
 
 def y_cr_cb(picture: Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Y, Cr and Cb, each `[H, W]` float64 in 0..1, of display values `[H, W, 3]`."""
-    # Half a second to load, which commands that judge nothing are spared.
+    # Imported here, since kornia takes half a second to load.
     from kornia.color import rgb_to_ycbcr
 
     y, cb, cr = rgb_to_ycbcr(picture.double().permute(2, 0, 1)).numpy()
@@ -53,10 +53,10 @@ def y_cr_cb(picture: Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def ssim_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """The structural similarity `[H, W]` around each pixel of two planes in 0..1."""
-    # Loaded here for the same reason.
+    # Imported here, since scikit-image is slow to load, too.
     from skimage.metrics import structural_similarity
 
-    return structural_similarity(
+    found = structural_similarity(
         first,
         second,
         gaussian_weights=True,
@@ -64,4 +64,5 @@ def ssim_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         use_sample_covariance=False,
         data_range=1.0,
         full=True,
-    )[1]
+    )
+    return np.asarray(found[1])

@@ -1,4 +1,4 @@
-"""`evaluation.html`: one file that holds all it shows and needs no script."""
+"""`evaluation.html`: one self-contained file without scripts."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .sphere_section import sphere_section
 
 # The largest span of the map of errors, in decibels.
 MAX_SPAN = 30
-# Direction pairs of which pictures are shown.
+# Direction pairs that are shown as pictures.
 SHOWN_PAIRS = 3
 
 
 @dataclass(frozen=True)
 class EvaluationPage:
-    """What `evaluation.html.j2` shows.
+    """The values of `evaluation.html.j2`.
 
     Attributes:
         name: of the material.
@@ -67,7 +67,7 @@ def evaluation_page(found: Judgement) -> str:
 
 
 def _angles(fitted: AngleTable, held_out: AngleTable | None) -> tuple[Chart, ...]:
-    """How good the model is at each pair of rings, and where the error lies."""
+    """SNR and fraction of the error by rings of view and light."""
     charts = [
         _heat_map(
             fitted,
@@ -77,7 +77,7 @@ def _angles(fitted: AngleTable, held_out: AngleTable | None) -> tuple[Chart, ...
         ),
         _heat_map(
             fitted,
-            100.0 * fitted.share(),
+            100.0 * fitted.error_fraction(),
             "Share of the squared error in %",
             "All cells add up to 100 %.",
         ),
@@ -89,7 +89,7 @@ def _angles(fitted: AngleTable, held_out: AngleTable | None) -> tuple[Chart, ...
 
 
 def _heat_map(table: AngleTable, values: Tensor, title: str, caption: str) -> Chart:
-    """Values of each cell of a table, `[rows, columns]`."""
+    """The chart of values `[rows, columns]` of the cells of a table."""
     views, lights = (
         Axis(f"{name}, polar angle", [f"{angle:g}°" for angle in rings])
         for name, rings in (("view", table.view), ("light", table.light))
@@ -100,8 +100,8 @@ def _heat_map(table: AngleTable, values: Tensor, title: str, caption: str) -> Ch
 
 
 def error_map(model: SPMM, error: Tensor) -> Picture:
-    """The map of squared errors `[T]`, on a scale of decibels below the worst one."""
-    below = 10.0 * torch.log10(error.max() / error)  # infinite where nothing is wrong
+    """The map of squared errors `[T]`, in decibels below the worst one."""
+    below = 10.0 * torch.log10(error.max() / error)  # infinite for error 0
     finite = below[below.isfinite()]
     span = min(MAX_SPAN, max(1, math.ceil(float(finite.max())))) if len(finite) else 1
     step = span - below.nan_to_num(nan=span).clamp(max=span).round().long()

@@ -1,4 +1,4 @@
-"""What a run was fitted to, found again: its model beside its input."""
+"""A run and its input, opened again for comparison."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..model.spmm import SPMM
 from ..report.contract import FILE_NAME as REPORT_FILE
 from ..runs.folder import CONFIG
 
-# Measured directions closer than this, in radians, are the same: a hundredth of what the formats
-# tell apart.
+# Measured directions closer than this are the same, in radians: a hundredth of the resolution of
+# the formats.
 SAME_DIRECTION = 2e-5
 
 
@@ -29,7 +29,7 @@ class Source:
     Attributes:
         run: its folder.
         report: the figures of its fit.
-        model: on the device asked for.
+        model: on the chosen device.
         btf: the texels that the model was fitted to, under all directions of the input.
         views, lights: whether the fit saw each direction of the BTF, `[V]`, `[L]` bool.
     """
@@ -65,11 +65,11 @@ class Source:
 def open_source(
     run: Path | str, against: Path | str | None, device: torch.device | str = "cpu"
 ) -> Source:
-    """A run, and its own input or another one; the run's data settings hold for either.
+    """A run and its own input, or the BTF `against`; either is read with the run's settings.
 
     Raises:
-        OutputError: no run there, or a part of it is missing.
-        DataError: the input is not there any more, or has other texels or directions.
+        OutputError: the run does not exist, or a part of it is missing.
+        DataError: the input does not exist, or has other texels or directions.
     """
     folder = Path(run)
     model = SPMM.load(folder, device)
@@ -79,7 +79,7 @@ def open_source(
     if against is None and not path.exists():
         raise DataError(
             f"the input of {run}, {path}, does not exist; expected it where it was when the run "
-            f"was made; name its place now with --against."
+            f"was made; give its present path with --against."
         )
     btf = load_input(path, replace(config.data, directions=None), config.seed)
     _check_size(btf, model, path, folder)
@@ -97,7 +97,7 @@ def read_report(run: Path) -> dict[str, Any]:
     """The figures of a run.
 
     Raises:
-        OutputError: not there, or malformed.
+        OutputError: the report does not exist, or is malformed.
     """
     path = run / REPORT_FILE
     try:

@@ -39,7 +39,7 @@ def _channel_scores(score: Score) -> str:
 def _row(
     title: str, score: Score, original: Tensor, model: Tensor, exposure: float, gain: int
 ) -> PictureRow:
-    """Linear pictures `[S, S, 3]` and their difference."""
+    """A row of linear pictures `[S, S, 3]` and their difference."""
 
     def picture(name: str, linear: Tensor, factor: float, note: str = "") -> Picture:
         uri = png_uri(display_codes(linear, factor))

@@ -15,10 +15,9 @@ from ..metrics import Totals
 from ..model.spmm import SPMM
 from ..runtime.memory import slices
 
-# Values of a block of texels: 32 MB of float32, and about six times as much with all that is made
-# of them.
+# Values of a block of texels: 32 MB of float32, and about six times as much with temporaries.
 BLOCK_VALUES = 1 << 23
-# (cluster, pair) queries of the residual at once: about 100 MB.
+# (cluster, pair) queries of the residual that are evaluated at once: about 100 MB.
 BLOCK_QUERIES = 1 << 18
 
 
@@ -28,9 +27,9 @@ class SquaredErrors:
 
     Attributes:
         energy, without_residual, with_residual, cluster_mean: of each direction pair `[D]`, over
-            texels and channels; the terms are those of `Totals`.
-        texel_energy, texel_error: of each texel `[T]` over the pairs that it was fitted to and
-            channels; of the values, and of the errors of the whole model.
+            texels and channels; see `Totals`.
+        texel_energy, texel_error: of the values of each texel `[T]`, and of the errors of the
+            whole model, over fitted pairs and channels.
     """
 
     energy: Tensor
@@ -52,7 +51,7 @@ class Tabulated:
 
     Attributes:
         model: on the device of the tables.
-        rho: values of the lobes, `[J, D]`.
+        rho: values of lobes, `[J, D]`.
         epsilon: the residual of the clusters, `[K, D, C]`.
     """
 
@@ -94,10 +93,10 @@ def squared_errors(
     """Evaluates the model at every texel and pair of the BTF, one block of texels at a time.
 
     Args:
-        model: on the device that does the work.
-        btf: its texels are those of the model, its directions any.
-        fitted: pairs that count for the sums by texel, `[D]` bool.
-        progress: told how many more texels are done.
+        model: on the device of the computation.
+        btf: texels of the model, under any directions.
+        fitted: pairs that count for the sums of texels, `[D]` bool.
+        progress: called with the number of texels just done.
     """
     device = model.weight.device
     table = Tabulated.build(model, btf.light, btf.view)
@@ -110,7 +109,7 @@ def squared_errors(
         value = btf.texels(block, device)  # [n, D, C]
         label = model.labels[block]
         lobes = table.lobes(block)
-        # In float64, because what cluster means leave is a small difference to their own energy.
+        # In float64: the errors of cluster means are a small difference of large energies.
         squares = [value.double().square().sum(-1)]  # [n, D]
         for error in (lobes - value, lobes + table.epsilon[label] - value):
             squares.append(error.square().sum(-1).double())
@@ -121,4 +120,8 @@ def squared_errors(
     count = torch.bincount(model.labels, minlength=model.cluster_count)
     taken = (sums.square().sum(-1) / count.clamp(min=1)[:, None]).sum(0)  # [D]
     mean = (by_pair[0] - taken).clamp(min=0.0)
-    return SquaredErrors(*by_pair.cpu(), mean.cpu(), *by_texel.cpu())
+    energy, without_residual, with_residual = by_pair.cpu()
+    texel_energy, texel_error = by_texel.cpu()
+    return SquaredErrors(
+        energy, without_residual, with_residual, mean.cpu(), texel_energy, texel_error
+    )

@@ -1,4 +1,4 @@
-"""Where the most of the squared error lies: texels and direction pairs."""
+"""The texels and direction pairs with the largest squared errors."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..data import BTF
 from ..metrics import snr_db
 from .sums import SquaredErrors
 
-# So many are listed.
+# Entries of each list.
 LISTED = 10
 
 
 def worst_texels(errors: SquaredErrors, width: int) -> list[dict[str, Any]]:
-    """The texels that the most of the squared error lies in, worst first."""
+    """The texels with the largest squared errors, worst first."""
     energy, error = errors.texel_energy, errors.texel_error
     return [
         {"x": texel % width, "y": texel // width, **_part(energy, error, texel)}
@@ -25,7 +25,7 @@ def worst_texels(errors: SquaredErrors, width: int) -> list[dict[str, Any]]:
 
 
 def worst_pairs(errors: SquaredErrors, btf: BTF, fitted: Tensor) -> list[dict[str, Any]]:
-    """The fitted direction pairs that the most of the squared error lies in, worst first."""
+    """The pairs of `fitted [D]` with the largest squared errors, worst first."""
     error = errors.with_residual * fitted
     rows = []
     for pair in _largest(error):
@@ -36,13 +36,13 @@ def worst_pairs(errors: SquaredErrors, btf: BTF, fitted: Tensor) -> list[dict[st
 
 
 def _largest(error: Tensor) -> list[int]:
-    """Indices of the largest errors, without those that are 0."""
+    """Indices of the largest errors above 0."""
     order = error.argsort(descending=True, stable=True)[:LISTED]
     return [index for index in order.tolist() if error[index] > 0.0]
 
 
 def _part(energy: Tensor, error: Tensor, index: int) -> dict[str, float | None]:
-    """Its SNR, None where the original is black, and its share of the whole error."""
+    """SNR of one entry, None where the original is black, and its fraction of the error."""
     of_value, of_error = float(energy[index]), float(error[index])
     snr = snr_db(of_value, of_error) if of_value > 0.0 else None
     return {"snr_db": snr, "error_share": of_error / float(error.sum())}

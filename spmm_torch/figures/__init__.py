@@ -1,4 +1,4 @@
-"""The figures of the paper for a run of one's own: `spmm figures RUN -o OUT`."""
+"""The figures of the paper, drawn for a run: `spmm figures RUN -o OUT`."""
 
 from .catalogue import FIGURES
 from .figure import Choices, Drawing, Figure, Subject

@@ -1,4 +1,4 @@
-"""Every figure by its name; a new one = one module and one entry here."""
+"""Every figure by its name; another figure is one module and one entry here."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from ..runtime.device import full_precision
 from .figure import Drawing, Subject
 from .sheet import Panel, sheet
 
-# Copies of the texture across, so that its texels and its structure are seen alike.
+# Copies of the texture across: both texels and structure are visible.
 REPEAT = 2.0
 SUN = (-1.0, 1.0, 1.5)
 PLANE_CAMERA = (math.radians(50.0), math.radians(270.0))
@@ -51,7 +51,7 @@ def draw_comparison(subject: Subject) -> Drawing:
 
 
 def scenes_of(aspect: float) -> dict[str, Scene]:
-    """What is rendered, by its name; `aspect` is width over height of the texture."""
+    """Scenes by their names; `aspect` is width over height of the texture."""
     texture = Texture(REPEAT, aspect)
     studio, sun = (EnvironmentLight.studio(),), (DirectionalLight.build(SUN),)
     return {

@@ -1,4 +1,4 @@
-"""The figures of edits as drawings: their rows of pictures, labelled, with a caption."""
+"""The figures of edits as drawings: labelled rows of pictures with a caption."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .editing import EDITING, View
 from .figure import Drawing, Figure, Subject
 from .sheet import Panel, sheet
 
-# What each figure is called, and its caption.
+# Title and caption of each figure.
 TITLES = {
     "figure4": (
         "Figure 4: hue and saturation",

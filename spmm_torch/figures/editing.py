@@ -1,7 +1,7 @@
 """Fig. 4, 5, 6, 7 and 9: edits of a model, rendered [WDR11 §5].
 
-Each function takes a model and a scene and returns rows of labelled renderings, linear, which share
-one exposure, and the numbers that belong to them. The edits are those of `configs/edits`.
+Each function takes a model and a view of it, and returns rows of labelled linear renderings of one
+exposure, with their numbers. The edits are those of `configs/edits`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ FIGURE4 = {"fig4_left": "hue -110°", "fig4_middle": "hue +116°", "fig4_right":
 
 @dataclass(frozen=True)
 class Labelled:
-    """A linear picture `[size, size, 3]` and what it shows."""
+    """A linear picture `[size, size, 3]` and its label."""
 
     label: str
     picture: Tensor
@@ -38,9 +38,9 @@ class Editing:
     """A figure of edits.
 
     Attributes:
-        rows: pictures beside each other.
-        exposure: that all of them are shown with, as the first one is shown best.
-        values: its numbers.
+        rows: pictures side by side.
+        exposure: of all pictures; the best one for the first.
+        values: numbers of the figure.
     """
 
     rows: tuple[tuple[Labelled, ...], ...]
@@ -50,7 +50,7 @@ class Editing:
 
 @dataclass(frozen=True)
 class View:
-    """How models are rendered for a figure."""
+    """Scene, settings and device of the renderings of a figure."""
 
     scene: Scene
     settings: RenderSettings
@@ -63,13 +63,13 @@ class View:
 
 @dataclass(frozen=True)
 class AsMeasured:
-    """A model in the original BTF format: known at the measured directions, linear between them.
+    """A model in the original BTF format: values at the measured directions, linear between them.
 
-    It shows what a `BTFMaterial` of the tabulated model would, without the table.
+    It equals the `BTFMaterial` of the tabulated model, without the table.
 
     Attributes:
-        model: that is tabulated.
-        light, view: the meshes of its measured directions.
+        model: the values.
+        light, view: meshes of its measured directions.
     """
 
     model: SPMM
@@ -99,7 +99,7 @@ class AsMeasured:
 def figure4(model: SPMM, view: View) -> Editing:
     """Hue and saturation by M above, by post-processing below, with their mean difference.
 
-    The difference is the mean distance of covered pixels in linear RGB, in parts of white.
+    The difference is the mean distance of covered pixels in linear RGB, as a fraction of white.
     """
     before = view.of(model)
     exposure = exposure_of(before)
@@ -119,7 +119,7 @@ def figure4(model: SPMM, view: View) -> Editing:
 
 
 def post_processed(picture: Tensor, script: Script) -> Tensor:
-    """A picture after the exact changes of hue and saturation of a script [WDR11 Fig. 4]."""
+    """A picture `[..., 3]` after the exact hue and saturation of a script [WDR11 Fig. 4]."""
     for step in script.steps:
         if isinstance(step.edit, HueSaturation):
             turn = math.radians(step.edit.hue)
@@ -128,14 +128,14 @@ def post_processed(picture: Tensor, script: Script) -> Tensor:
 
 
 def figure5(model: SPMM, view: View) -> Editing:
-    """More specular, then with another specular hue."""
+    """Stronger specular lobes, then another specular hue."""
     return _sequence(
         model, view, {"fig5_intensity": "more specular", "fig5_hue": "green highlights"}
     )
 
 
 def figure6(model: SPMM, view: View) -> Editing:
-    """Narrower specular lobes; the same in the original format is blurrier."""
+    """Narrower specular lobes, and the same in the original format, which is blurrier."""
     edited = example("fig6").apply(model)
     before = view.of(model)
     row = (
@@ -165,7 +165,7 @@ def exposure_of(rendering: Rendering) -> float:
 
 
 def _sequence(model: SPMM, view: View, examples: dict[str, str]) -> Editing:
-    """The original and what some examples make of it."""
+    """The original and its edits by some examples."""
     before = view.of(model)
     row = [Labelled("original", before.picture)]
     for name, label in examples.items():

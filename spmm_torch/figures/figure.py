@@ -1,4 +1,4 @@
-"""What a figure is: a picture with a caption, and the numbers that it shows."""
+"""A figure: a picture with a caption, and the numbers that it shows."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ..runtime.progress import Progress
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure as it was drawn.
+    """A figure that was drawn.
 
     Attributes:
-        picture: with its labels.
-        caption: what it shows, as text.
-        values: its numbers, for `figures.json`.
+        picture: with labels.
+        caption: of the picture.
+        values: numbers of the figure, for `figures.json`.
     """
 
     picture: Codes
@@ -35,13 +35,13 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Choices:
-    """What a user may choose about the figures.
+    """The user's choices for all figures.
 
     Args:
         size: pixels of each rendering.
         samples: eye rays of a pixel.
-        texel: column and row of the texel whose lobes are shown; None: the glossiest.
-        view: polar angle and azimuth of wo in radians, where one direction is shown.
+        texel: column and row of the texel whose lobes are shown; None for the glossiest.
+        view: polar angle and azimuth of wo in radians, for pictures of one direction.
         seed: of every random choice.
 
     Raises:
@@ -69,14 +69,14 @@ class Choices:
 
 @dataclass
 class Subject:
-    """What is shown.
+    """The run that figures show.
 
     Attributes:
         model: on `device`.
         open_source: finds and decodes the input of the run; called at first need.
-        device: that renders.
+        device: of the renderings.
         choices: of the user.
-        progress: who is told how far it is.
+        progress: of the command.
     """
 
     model: SPMM
@@ -87,7 +87,7 @@ class Subject:
 
     @cached_property
     def source(self) -> Source:
-        """The run beside its decoded input."""
+        """The run and its decoded input."""
         return self.open_source()
 
     @property
@@ -102,8 +102,8 @@ class Figure:
 
     Attributes:
         name: on the command line and of its files.
-        title: what it is called on the page.
-        draw: makes it.
+        title: on the page.
+        draw: draws it.
     """
 
     name: str

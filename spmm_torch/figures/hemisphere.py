@@ -12,20 +12,27 @@ from ..geometry.warp import square_to_cosine_hemisphere
 from ..model.spmm import SPMM
 from ..render.display import Codes, white_exposure
 
-# Colours of no and of the highest intensity, of dots, and of the rim.
+# Colours of intensity 0, of the highest intensity, of dots, and of the rim.
 WHITE, BLUE, DOT, RIM = (255, 255, 255), (0, 32, 200), (20, 20, 20), (150, 150, 150)
-# Pictures are drawn so many times finer than they are shown.
+# Drawn pixels along the side of a shown one.
 FINER = 3
 DOT_RADIUS = 1.3
 # Highlights fall off over decades, which a linear ramp would show as a single dot.
 RAMP_GAMMA = 2.2
-# Directions by which a texel's gloss is judged.
+# Light directions that measure the gloss of a texel.
 GLOSS_DIRECTIONS = 1024
 
 
 @torch.no_grad()
 def intensity_picture(model: SPMM, uv: Tensor, wo: Tensor, size: int) -> Codes:
-    """The values for all wi in the disk, the more saturated the higher: x to the right, y up."""
+    """Values for all wi in the disk, bluer where they are higher; x to the right, y up.
+
+    Args:
+        model: of the texture.
+        uv: a point of the texture, `[2]`.
+        wo: view direction `[3]`.
+        size: pixels along each side.
+    """
     axis = (2.0 * (torch.arange(size, device=wo.device) + 0.5) / size - 1.0).to(wo)
     y, x = torch.meshgrid(-axis, axis, indexing="ij")
     squared = x * x + y * y
@@ -41,7 +48,7 @@ def intensity_picture(model: SPMM, uv: Tensor, wo: Tensor, size: int) -> Codes:
 
 
 def sample_picture(wi: Tensor, size: int) -> Codes:
-    """A dot for each direction of `[N, 3]`."""
+    """A dot for each of the directions wi `[N, 3]`."""
     fine = FINER * size
     image = Image.new("RGB", (fine, fine), WHITE)
     draw = ImageDraw.Draw(image)
@@ -57,12 +64,14 @@ def sample_picture(wi: Tensor, size: int) -> Codes:
 def glossiest_texel(model: SPMM, wo: Tensor) -> int:
     """The texel whose value for wo `[3]` varies most over cosine-sampled light directions.
 
-    That is where sampling by a cosine lobe is noisiest. Lobes alone count.
+    Sampling by a cosine lobe is noisiest there. The residual does not count.
     """
     points = torch.quasirandom.SobolEngine(2).draw(GLOSS_DIRECTIONS).to(wo)
     wi = square_to_cosine_hemisphere(points)
     rho = model.dictionary.eval_grid(wi, wo[None])  # [J, G]
-    estimate = rho / wi[:, 2].clamp(min=torch.finfo(wi.dtype).eps)  # value over density, but for pi
+    estimate = rho / wi[:, 2].clamp(
+        min=torch.finfo(wi.dtype).eps
+    )  # value over density, times 1 / pi
     weights = model.sparse_weights
     value = F.embedding_bag(
         weights.index,
@@ -82,7 +91,7 @@ def texel_centre(model: SPMM, texel: int) -> Tensor:
 
 
 def _with_rim(codes: Codes) -> Codes:
-    """The circle of the horizon, drawn over a square picture."""
+    """A square picture with the circle of the horizon."""
     image = Image.fromarray(codes)
     edge = len(codes) - 1
     ImageDraw.Draw(image).ellipse((0, 0, edge, edge), outline=RIM)

@@ -1,4 +1,4 @@
-"""Fig. 10: where samples go, and what noise is left at equal time [WDR11 §6, Fig. 10]."""
+"""Fig. 10: importance sampling, and its noise at equal time [WDR11 §6, Fig. 10]."""
 
 from __future__ import annotations
 
@@ -33,17 +33,18 @@ from .hemisphere import glossiest_texel, intensity_picture, sample_picture, texe
 from .sheet import Panel, sheet
 from .variance import Efficiency, gain, hits_at, repeated, shade_by_sampler, some_hits, white_light
 
+# Samples shown as dots.
 DOTS = 1500
-# Directions of each hit in the picture by our sampler; the other takes as many as its time allows.
+# Directions of each hit by our sampler; the other one takes as many as fit in the same time.
 OUR_SAMPLES = 16
-# Variances are taken over so many hits of the sphere, with so many directions each: rare
-# highlights must be met for their noise to be seen.
+# Hits of the sphere and directions of each that variances are taken over: enough of them to meet
+# rare highlights.
 VARIANCE_HITS, VARIANCE_SAMPLES = 256, 1024
 SAMPLERS = ("spmm", "cosine")
 
 
 def draw_sampling(subject: Subject) -> Drawing:
-    """(a) to (e) of the paper's figure, and the variances behind them."""
+    """Pictures (a) to (e) of the paper's figure, and the variances behind them."""
     model, choices = subject.model, subject.choices
     wo = direction_from_angles(*torch.tensor(choices.view, dtype=torch.float64)).to(model.weight)
     texel = _texel(model, choices.texel, wo)
@@ -61,14 +62,14 @@ def draw_sampling(subject: Subject) -> Drawing:
 
 
 def samplers(model: SPMM) -> dict[str, SampledMaterial]:
-    """Ours and the conventional one, of the same values."""
+    """Our sampler and the conventional one of the same values, by name."""
     return dict(zip(SAMPLERS, (model, CosineSampled(model)), strict=True))
 
 
 def variance_gains(
     model: SPMM, hits: Hits, light: EnvironmentLight, each: int, seed: int
 ) -> dict[str, Any]:
-    """Variance and time of one sample by both samplers, and by what factor ours is better."""
+    """Variance and time of one sample by both samplers, and the factor that ours gains."""
     found: dict[str, Efficiency] = {}
     for name, material in samplers(model).items():
         shade_by_sampler(material, hits, light, 2, seed)  # warms up
@@ -78,7 +79,7 @@ def variance_gains(
 
 
 def sphere_hits(model: SPMM, settings: RenderSettings) -> Hits:
-    """Where the eye rays of a picture of the sphere meet it."""
+    """Hits of the eye rays of a picture of the sphere."""
     texture = Texture(REPEAT, model.width / model.height)
     scene = Scene(Sphere(texture), Camera.orthographic(), (white_light(),))
     generator = torch.Generator().manual_seed(settings.seed)
@@ -146,7 +147,7 @@ def _equal_time(subject: Subject) -> tuple[list[Panel], dict[str, Any]]:
 
 
 def _variances(subject: Subject, uv: Tensor, wo: Tensor) -> dict[str, Any]:
-    """Of the sphere in the studio and under white light, and of the texel under white light."""
+    """Variances of the sphere in the studio and in white light, and of the texel in white light."""
     model, seed = subject.model, subject.choices.seed
     settings = RenderSettings(subject.choices.size, 1, seed=seed)
     hits = some_hits(sphere_hits(model, settings), VARIANCE_HITS, seed)

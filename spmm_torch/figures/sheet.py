@@ -1,4 +1,4 @@
-"""Pictures beside each other with a label under each, as one picture."""
+"""One picture of many: rows of panels with a label under each."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Panel:
 
 
 def sheet(rows: Sequence[Sequence[Panel]]) -> Codes:
-    """Rows of panels on white; cells of a column are as wide as the widest, or as its label."""
+    """Rows of panels on white; a column is as wide as its widest picture or label."""
     font = ImageFont.load_default(FONT_SIZE)
     columns = max(len(row) for row in rows)
     widths = [

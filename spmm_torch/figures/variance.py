@@ -1,4 +1,4 @@
-"""How much a sampler's estimates of the reflected light vary, and how long they take."""
+"""Efficiency of a sampler: variance and time of its estimates of the reflected light."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..render.direct import BLOCK_DIRECTIONS, Hits, weighted
 from ..render.material import SampledMaterial
 from ..runtime.memory import slices
 
-# Rows of the map of a light that is the same all around.
+# Rows of the map of a uniform light.
 WHITE_ROWS = 8
 
 
 @dataclass(frozen=True)
 class Efficiency:
-    """Of a sampler.
+    """The efficiency of a sampler.
 
     Attributes:
         variance: of one sample, the mean over hits and channels.
@@ -32,14 +32,14 @@ class Efficiency:
 
 @dataclass(frozen=True)
 class Gain:
-    """By what factor the variance of one sampler is below that of another one."""
+    """The factor between the variances of two samplers, at equal count and at equal time."""
 
     equal_count: float
     equal_time: float
 
 
 def white_light() -> EnvironmentLight:
-    """Radiance 1 from everywhere: what is left to vary is the material."""
+    """Radiance 1 from everywhere, so that only the material varies."""
     return EnvironmentLight.build(torch.ones(WHITE_ROWS, 2 * WHITE_ROWS, 3))
 
 
@@ -47,6 +47,9 @@ def estimates(material: SampledMaterial, hits: Hits, light: EnvironmentLight, u:
     """Unbiased estimates `[N, n, 3]` of the radiance to the eye by the material's sampler alone.
 
     Args:
+        material: with its sampler.
+        hits: where eye rays meet the shape.
+        light: that is reflected.
         u: random numbers `[N, n, 3]`.
     """
     uv, wo = (x[:, None].expand(-1, u.shape[1], -1) for x in (hits.uv, hits.wo))
@@ -59,10 +62,10 @@ def estimates(material: SampledMaterial, hits: Hits, light: EnvironmentLight, u:
 def shade_by_sampler(
     material: SampledMaterial, hits: Hits, light: EnvironmentLight, each: int, seed: int
 ) -> tuple[Tensor, Efficiency]:
-    """The mean of `each` estimates of every hit `[N, 3]`, and what they cost and vary.
+    """The mean of `each` estimates of every hit `[N, 3]`, and their efficiency.
 
-    Seconds count sampling and evaluation, and not the drawing of random numbers. The variance
-    needs at least two estimates of a hit; of one it is NaN.
+    Seconds count sampling and evaluation without drawing the random numbers. The variance of a
+    single estimate is NaN.
     """
     generator = torch.Generator().manual_seed(seed)
     means, variances, seconds = [], [], 0.0
@@ -82,13 +85,13 @@ def shade_by_sampler(
 
 
 def gain(ours: Efficiency, other: Efficiency) -> Gain:
-    """Variance falls with the number of samples, and so with the time."""
+    """The gain of our sampler: variance falls with the number of samples, and so with time."""
     equal_count = other.variance / ours.variance if ours.variance > 0.0 else float("inf")
     return Gain(equal_count, equal_count * other.seconds / ours.seconds)
 
 
 def some_hits(hits: Hits, count: int, seed: int) -> Hits:
-    """`count` of the hits at random, or all if there are not so many."""
+    """`count` of the hits at random, or all if they are fewer."""
     order = torch.randperm(len(hits), generator=torch.Generator().manual_seed(seed))
     return hits[order[:count].to(hits.uv.device)]
 
@@ -101,7 +104,7 @@ def hits_at(uv: Tensor, wo: Tensor) -> Hits:
 
 
 def repeated(hits: Hits, count: int) -> Hits:
-    """Each of the hits `count` times, as hits of their own."""
+    """The hits, each repeated `count` times."""
     index = torch.arange(len(hits), device=hits.uv.device).repeat_interleave(count)
     return replace(hits[index])
 

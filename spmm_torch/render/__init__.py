@@ -3,8 +3,8 @@
     scene = Scene(Sphere(Texture(repeat=2.0)), Camera.orthographic(), (EnvironmentLight.studio(),))
     picture = render(model, scene, RenderSettings(size=256, samples=4)).picture
 
-A material is an `SPMM`, a `BTFMaterial` (the BTF itself between what was measured), or anything
-else that maps (uv, wi, wo) to cosine-weighted RGB; one with `sample` and `pdf` is sampled by them.
+A material is an `SPMM`, a `BTFMaterial` (the BTF itself, interpolated), or any other function of
+(uv, wi, wo) to cosine-weighted RGB. One with `sample` and `pdf` is sampled by them.
 """
 
 from ..config.render import RenderSettings

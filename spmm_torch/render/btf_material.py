@@ -1,4 +1,4 @@
-"""A BTF as a material: its own values, interpolated between what was measured."""
+"""A BTF as a material: its own values, interpolated between measured directions and texels."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ..geometry.hemisphere import HemisphereInterpolation
 from ..model.residual import LOWEST_COSINE
 from ..runtime.memory import slices
 
-# Values of whole texels that are expanded at once: 64 MB of float32.
+# Values of whole texels that are decoded at once: 64 MB of float32.
 TEXEL_VALUES = 1 << 24
-# Values that are picked out of them at once, 27 for each query of a texel.
+# Values that are picked out of these at once, 27 for each (query, texel).
 PICKED_VALUES = 1 << 22
 
 
@@ -24,13 +24,13 @@ class BTFMaterial:
     """A BTF between its measured directions and texels.
 
     Linear between the corners of the spherical triangles of lights and of views (3 x 3 pairs) and
-    bilinear between texels, so measured pairs at texel centres return their measured value. Below
-    the lowest measured ring, values are those above it; of lights they fade with their cosine.
-    The same rules hold for the residual of a model.
+    bilinear between texels: measured pairs at texel centres return their measured value. Below
+    the lowest measured ring, values are those of the ring; for lights they fade with the cosine.
+    The residual of a model follows the same rules.
 
     Attributes:
         btf: decoded in memory or in its cache.
-        light_mesh, view_mesh: of its directions.
+        light_mesh, view_mesh: meshes of its directions.
     """
 
     btf: BTF
@@ -39,24 +39,23 @@ class BTFMaterial:
 
     @classmethod
     def build(cls, btf: BTF, device: torch.device | str = "cpu") -> BTFMaterial:
-        """The material of a BTF, for queries on a device."""
+        """The material of a BTF, evaluated on a device."""
         light = HemisphereInterpolation.build(btf.light).to(device)
         return cls(btf, light, HemisphereInterpolation.build(btf.view).to(device))
 
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Linear cosine-weighted RGB `[..., C]` of uv `[..., 2]`, wi and wo `[..., 3]`.
 
-        Memory is bounded whatever the size of the BTF: each texel that is met is read once.
+        Memory is bounded whatever the size of the BTF; each texel is read once.
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
-        texel, share = texel_at(
-            uv.expand(*shape, 2).reshape(-1, 2), self.btf.height, self.btf.width
-        )
+        flat = uv.expand(*shape, 2).reshape(-1, 2)
+        texel, texel_weight = texel_at(flat, self.btf.height, self.btf.width)  # [Q, 4]
         pair, weight = self.pairs_at(wi, wo, shape)  # [Q, 9]
-        query, corner = torch.nonzero(share, as_tuple=True)  # [E] texels that count
+        query, corner = torch.nonzero(texel_weight, as_tuple=True)  # [E]
         order = torch.argsort(texel[query, corner], stable=True)
         query, corner = query[order], corner[order]
-        entries = share.new_zeros(*share.shape, self.btf.channels)  # [Q, 4, C]
+        entries = texel_weight.new_zeros(*texel_weight.shape, self.btf.channels)  # [Q, 4, C]
         met, count = torch.unique_consecutive(texel[query, corner], return_counts=True)
         end = count.cumsum(0).tolist()
         for block in slices(len(met), max(1, TEXEL_VALUES // (self.btf.pair_count * 3))):
@@ -68,13 +67,13 @@ class BTFMaterial:
                 q = query[where]
                 picked = values[row[part, None] * self.btf.pair_count + pair[q]].to(weight)
                 entries[q, corner[where]] = torch.einsum("epc,ep->ec", picked, weight[q])
-        total = (entries * share[..., None]).sum(1)
+        total = (entries * texel_weight[..., None]).sum(1)
         return total.view(*shape, self.btf.channels)
 
     def pairs_at(self, wi: Tensor, wo: Tensor, shape: torch.Size) -> tuple[Tensor, Tensor]:
         """Direction pairs and weights `[Q, 9]` of wi and wo `[..., 3]`, which broadcast to `shape`.
 
-        Missing pairs have no weight; what was measured around them takes it.
+        Missing pairs have weight 0; their measured neighbours take it over.
         """
         light, light_weight = self.light_mesh.weights(wi)  # [..., 3]
         view, view_weight = self.view_mesh.weights(wo)  # [..., 3]
@@ -89,7 +88,7 @@ class BTFMaterial:
         return pair, self._measured_only(pair, weight)
 
     def _measured_only(self, pair: Tensor, weight: Tensor) -> Tensor:
-        """Weights `[Q, 9]` whose sums the pairs that were measured share."""
+        """Weights `[Q, 9]` of equal sums that are 0 for missing pairs."""
         if self.btf.measured is None:
             return weight
         kept = weight * self.btf.measured.to(weight.device)[pair]

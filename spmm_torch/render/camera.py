@@ -1,4 +1,4 @@
-"""The camera: parallel or diverging rays that look at the origin; pictures are square."""
+"""The camera: parallel or perspective rays towards the origin; pictures are square."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from ..errors import ConfigError
 from ..geometry.directions import direction_from_angles
 from .shapes import Rays
 
-# Half of what a parallel camera shows: the unit sphere with a narrow margin.
+# Half of the width that a parallel camera shows: the unit sphere with a narrow margin.
 HALF_WIDTH = 1.05
 # Parallel rays start this far from the origin, outside of every shape.
 START = 4.0
-# A diverging camera shows the sphere with a narrow margin, too.
+# A perspective camera that shows the sphere with a narrow margin, too.
 DISTANCE = 4.0
 FIELD_OF_VIEW = math.radians(30.0)
 UP = (0.0, 1.0, 0.0)
-# Up in the picture where the camera looks along UP itself, closer than this sine.
+# Up in the picture where the camera looks along UP, to within this sine.
 OTHER_UP = (0.0, 0.0, -1.0)
 PARALLEL_SINE = 1e-6
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the picture is taken from.
+    """A camera that looks at the origin.
 
     Attributes:
         axes: rows are right, up and back (towards the camera) in world axes, `[3, 3]` float64.
-        half_width: half of what the picture spans, in the plane of the origin.
+        half_width: half of the width of the picture, in the plane of the origin.
         distance: from the origin; None for parallel rays.
     """
 
@@ -43,7 +43,7 @@ class Camera:
     def orthographic(
         cls, theta: float = 0.0, phi: float = 0.0, half_width: float = HALF_WIDTH
     ) -> Camera:
-        """Parallel rays from the direction (theta, phi), radians; theta is counted from +z.
+        """A camera of parallel rays in direction (theta, phi), radians; theta from +z.
 
         Raises:
             ConfigError: a value out of its range.
@@ -59,7 +59,7 @@ class Camera:
         distance: float = DISTANCE,
         field_of_view: float = FIELD_OF_VIEW,
     ) -> Camera:
-        """A pinhole at `distance` from the origin; the field of view is the whole angle, radians.
+        """A pinhole camera at `distance` from the origin; the field of view is the full angle.
 
         Raises:
             ConfigError: a value out of its range.
@@ -79,7 +79,7 @@ class Camera:
         return None if self.distance is None else self.distance * self.axes[2]
 
     def rotated(self, rotation: Tensor) -> Camera:
-        """The camera carried along by a rotation `[3, 3]` of the world about the origin."""
+        """The camera turned by a rotation `[3, 3]` of the world about the origin."""
         return replace(self, axes=self.axes @ rotation.T)
 
     def rays(self, at: Tensor) -> Rays:

@@ -1,4 +1,4 @@
-"""Light that reaches the eye from a hit by one reflection."""
+"""Direct light: radiance that a hit reflects to the eye."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .environment import EnvironmentLight
 from .lights import DirectionalLight, PointLight
 from .material import Material, SampledMaterial
 
-# Directions that are looked at once: some hundred MB with all that a material makes of them.
+# Directions that are evaluated at once: some hundred MB, with what a material allocates.
 BLOCK_DIRECTIONS = 1 << 19
 
 
 @dataclass(frozen=True)
 class Hits:
-    """Where N eye rays meet the shape.
+    """The points where N eye rays meet the shape.
 
     Attributes:
         position: in world axes, `[N, 3]`.
@@ -56,7 +56,7 @@ class Hits:
 def from_delta_lights(
     material: Material, hits: Hits, lights: Sequence[DirectionalLight | PointLight]
 ) -> Tensor:
-    """Radiance `[N, 3]` of lights with one direction each, exact."""
+    """Exact radiance `[N, 3]` from lights with one direction each."""
     wi, irradiance = delta_light_directions(hits, lights)
     return (lit_values(material, hits, wi) * irradiance).sum(1)
 
@@ -64,7 +64,7 @@ def from_delta_lights(
 def delta_light_directions(
     hits: Hits, lights: Sequence[DirectionalLight | PointLight]
 ) -> tuple[Tensor, Tensor]:
-    """Local directions to K lights and irradiance facing them, both `[N, K, 3]`."""
+    """Local directions to L lights and irradiance facing them, both `[N, L, 3]`."""
     towards, irradiance = zip(*(light.at(hits.position) for light in lights), strict=True)
     return hits.local(torch.stack(towards, dim=1)), torch.stack(irradiance, dim=1)
 
@@ -72,10 +72,10 @@ def delta_light_directions(
 def from_environment(
     material: SampledMaterial, hits: Hits, light: EnvironmentLight, u: tuple[Tensor, Tensor]
 ) -> Tensor:
-    """An unbiased estimate of the radiance `[N, 3]` that an environment causes.
+    """An unbiased estimate of the radiance `[N, 3]` from an environment.
 
-    Half of the directions follow the light and half the material; each counts by the sum of both
-    densities [Veach and Guibas 1995, balance heuristic].
+    Half of the directions are sampled by the light, half by the material; each is divided by the
+    sum of both densities [Veach and Guibas 1995, balance heuristic].
 
     Args:
         u: random numbers for the light `[N, n, 2]` and for the material `[N, n, 3]`.
@@ -94,13 +94,13 @@ def from_environment(
 
 
 def weighted(value: Tensor, density: Tensor, counts: Tensor | None = None) -> Tensor:
-    """value `[..., 3]` / density `[...]`; 0 where the density is, or where it does not count."""
+    """value `[..., 3]` / density `[...]`; 0 where the density is 0 or `counts` is False."""
     counts = density > 0.0 if counts is None else counts & (density > 0.0)
     return torch.where(counts[..., None], value / torch.where(counts, density, 1.0)[..., None], 0.0)
 
 
 def lit_values(material: Material, hits: Hits, wi: Tensor) -> Tensor:
-    """The material's value `[N, n, 3]` at local wi `[N, n, 3]`; it is not asked below horizons."""
+    """Values of the material `[N, n, 3]` at local wi `[N, n, 3]`; 0 below the horizon."""
     hit, number = torch.nonzero(wi[..., 2] > 0.0, as_tuple=True)
     value = torch.zeros_like(wi)
     value[hit, number] = material(hits.uv[hit], wi[hit, number], hits.wo[hit])

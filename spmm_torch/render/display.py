@@ -1,4 +1,4 @@
-"""Linear pictures to what screens and files hold: exposure, display curve, PNG, EXR and GIF."""
+"""Linear pictures for screens and files: exposure, display curve, PNG, EXR and GIF."""
 
 from __future__ import annotations
 
@@ -16,21 +16,26 @@ from ..data.codecs import openexr
 from ..errors import ConfigError
 from ..runtime.atomic import new_file
 
-# This part of the covered pixels is shown without clipping.
+# Fraction of the covered pixels that is shown without clipping.
 SHOWN_FRACTION = 0.99
 # The display curve of sRGB [IEC 61966-2-1].
 SRGB_KNEE, SRGB_SLOPE, SRGB_SCALE, SRGB_GAMMA = 0.0031308, 12.92, 1.055, 2.4
-# Time that a frame of a turntable stays, in milliseconds; GIFs count hundredths of a second.
+# Milliseconds of a frame of a turntable; a multiple of 10, as GIF counts hundredths.
 FRAME_TIME = 80
 STILL_SUFFIXES = (".png", ".exr")
 MOVING_SUFFIX = ".gif"
 
-# What screens show: 0 to 255; of a picture `[H, W, 3]`, row 0 at the top.
+# Display values from 0 to 255 of a picture `[H, W, 3]`, row 0 at the top.
 Codes = NDArray[np.uint8]
 
 
 def auto_exposure(pictures: Sequence[Tensor], coverages: Sequence[Tensor]) -> float:
-    """The factor that maps the 99th percentile of covered pixels to 1; 1 if they are all black."""
+    """The factor that maps the 99th percentile of covered pixels to 1; 1 if they are all black.
+
+    Args:
+        pictures: linear, `[H, W, C]` each.
+        coverages: covered fraction of each pixel, `[H, W]` each.
+    """
     values = [
         picture[coverage > 0.0].flatten().cpu().numpy()
         for picture, coverage in zip(pictures, coverages, strict=True)
@@ -47,7 +52,12 @@ def white_exposure(values: np.ndarray) -> float:
 
 
 def encode_display(linear: Tensor, gamma: float | None = None) -> Tensor:
-    """Display values in 0..1 of linear ones, which are clipped: sRGB, or a plain exponent."""
+    """Display values in 0..1 of linear values `[...]`, which are clipped.
+
+    Args:
+        linear: of any shape.
+        gamma: a plain exponent 1 / gamma; None for the sRGB curve.
+    """
     shown = linear.clamp(0.0, 1.0)
     if gamma is not None:
         return shown ** (1.0 / gamma)
@@ -56,7 +66,7 @@ def encode_display(linear: Tensor, gamma: float | None = None) -> Tensor:
 
 
 def display_codes(picture: Tensor, exposure: float = 1.0, gamma: float | None = None) -> Codes:
-    """8-bit codes `[H, W, 3]` of a linear picture times `exposure`."""
+    """8-bit codes `[H, W, 3]` of a linear picture `[H, W, 3]` times `exposure`."""
     shown = encode_display(picture * exposure, gamma)
     return torch.round(shown * 255.0).to(torch.uint8).cpu().numpy()
 
@@ -89,7 +99,7 @@ def write_exr(path: Path | str, picture: Tensor) -> None:
 
 
 def write_gif(path: Path | str, frames: Sequence[Codes]) -> None:
-    """Writes frames of 8-bit codes as an endless picture.
+    """Writes frames of 8-bit codes as an endless animation.
 
     Raises:
         OutputError: the file cannot be written.
@@ -107,10 +117,10 @@ def write_gif(path: Path | str, frames: Sequence[Codes]) -> None:
 
 
 def check_output(path: str, moving: bool) -> None:
-    """Refuse a name whose suffix is no kind of picture that fits, before any work is done.
+    """Checks the suffix of a picture's name before any work is done.
 
     Raises:
-        ConfigError: it is not.
+        ConfigError: the suffix is not one of a still, or of a moving picture.
     """
     suffix = Path(path).suffix.lower()
     if moving and suffix != MOVING_SUFFIX:

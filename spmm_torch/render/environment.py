@@ -1,8 +1,8 @@
-"""Light from all around: a picture of the surroundings, its reader, and a built-in studio.
+"""Environment light: a latitude-longitude map, its reader, and a built-in studio.
 
-Pictures are latitude-longitude maps as OpenEXR defines them: the top row is +y, the middle is +z,
-the middle of the left half is +x, so that someone inside sees them unmirrored. Radiance is constant
-within a pixel, which makes the sampling exact [Pharr et al., Physically Based Rendering, 12.5].
+Maps are oriented as OpenEXR defines: the top row is +y, the middle is +z, the middle of the left
+half is +x, so that an observer inside sees them unmirrored. Radiance is constant within a pixel,
+which makes the sampling exact [Pharr et al., Physically Based Rendering, 12.5].
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..errors import DataError
 
 # Relative luminance of linear sRGB primaries [ITU-R BT.709].
 LUMINANCE = (0.2126, 0.7152, 0.0722)
-# The studio: rows of its map; columns are twice as many.
+# Rows of the studio's map; it has twice as many columns.
 STUDIO_ROWS = 64
 # Radiance of its walls at the bottom and at the top.
 STUDIO_FLOOR, STUDIO_CEILING = 0.05, 0.25
@@ -38,9 +38,9 @@ class EnvironmentLight:
 
     Attributes:
         picture: radiance `[H, W, 3]`.
-        rows: the share of each row and all above it in the sampled light, `[H]` float64.
-        cells: row number + share of each pixel and all left of it in its row, `[H * W]` float64;
-            rising, so that one search finds a pixel in any row.
+        rows: fraction of the power in each row and all above it, `[H]` float64.
+        cells: row number plus the fraction of its power in each pixel and all left of it,
+            `[H * W]` float64; rising, so that one search finds a pixel in any row.
         density: solid-angle density of sampling each pixel, `[H * W]` float64, in 1/sr.
         rotation: from map axes to world axes, `[3, 3]` float64.
     """
@@ -56,7 +56,7 @@ class EnvironmentLight:
         """The light of a latitude-longitude map `[H, W, 3]`.
 
         Raises:
-            DataError: of another shape, not finite, negative or black.
+            DataError: the map has another shape, or is not finite, negative or black.
         """
         _check_radiance(picture, name)
         height, width = picture.shape[:2]
@@ -65,11 +65,11 @@ class EnvironmentLight:
         weights = torch.tensor(LUMINANCE, dtype=torch.float64, device=picture.device)
         power = (picture.double() @ weights) * solid_angle[:, None]  # [H, W]
         row_power = power.sum(1)
-        share = power / row_power.clamp(min=torch.finfo(torch.float64).tiny)[:, None]
+        fraction = power / row_power.clamp(min=torch.finfo(torch.float64).tiny)[:, None]
         ascending = torch.arange(height, dtype=torch.float64, device=picture.device)
-        cells = share.cumsum(1).clamp(max=1.0)
+        cells = fraction.cumsum(1).clamp(max=1.0)
         rows = (row_power / row_power.sum()).cumsum(0)
-        cells[:, -1] = rows[-1] = 1.0  # whatever rounding says, and in black rows
+        cells[:, -1] = rows[-1] = 1.0  # despite rounding, and in black rows
         cells = cells + ascending[:, None]
         density = power / (row_power.sum() * solid_angle[:, None])
         rotation = torch.eye(3, dtype=torch.float64)
@@ -80,7 +80,7 @@ class EnvironmentLight:
         """The light of an OpenEXR or Radiance picture.
 
         Raises:
-            DataError: the file cannot be read, or holds what is no light.
+            DataError: the file cannot be read, or holds no valid light.
         """
         try:
             payload = Path(path).read_bytes()
@@ -98,12 +98,12 @@ class EnvironmentLight:
         return cls.build(studio_picture(STUDIO_ROWS), "the studio")
 
     def to(self, device: torch.device | str, dtype: torch.dtype) -> EnvironmentLight:
-        """The same light on a device, with radiance of a type."""
+        """The same light on a device, with radiance of a dtype."""
         parts = (part.to(device) for part in (self.rows, self.cells, self.density, self.rotation))
         return EnvironmentLight(self.picture.to(device, dtype), *parts)
 
     def rotated(self, rotation: Tensor) -> EnvironmentLight:
-        """The light carried along by a rotation `[3, 3]` of the world."""
+        """The light turned by a rotation `[3, 3]` of the world."""
         return replace(self, rotation=rotation.to(self.rotation.device) @ self.rotation)
 
     def sample(self, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -158,14 +158,14 @@ def studio_picture(rows: int) -> Tensor:
 
 
 def _search(cumulative: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-    """The cell `[...]` that u `[...]` falls into, and how far into it, from 0 to 1."""
+    """The cell `[...]` that u `[...]` falls into, and its place within the cell, 0 to 1."""
     cell = torch.searchsorted(cumulative, u.contiguous(), right=True)
     cell = cell.clamp(max=len(cumulative) - 1)
     low = torch.where(cell > 0, cumulative[(cell - 1).clamp(min=0)], 0.0)
     high = cumulative[cell]
     # The first cell of a row starts at the whole number that ends the row above.
-    share = (u - low) / (high - low).clamp(min=torch.finfo(torch.float64).tiny)
-    return cell, share.clamp(0.0, 1.0)
+    place = (u - low) / (high - low).clamp(min=torch.finfo(torch.float64).tiny)
+    return cell, place.clamp(0.0, 1.0)
 
 
 def _decode(payload: bytes) -> Tensor:

@@ -1,4 +1,4 @@
-"""Lights that come from one direction at each point, and the checks that all lights share."""
+"""Lights with one direction at each point, and the checks of all lights."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class DirectionalLight:
 
     Attributes:
         direction: unit, towards the light, `[3]` float64.
-        irradiance: RGB on a surface that faces it, `[3]` float64; of 1, the picture shows the
-            cosine-weighted reflectance itself.
+        irradiance: RGB on a surface that faces the light, `[3]` float64; under irradiance 1, a
+            picture shows the cosine-weighted reflectance itself.
     """
 
     direction: Tensor
@@ -33,7 +33,7 @@ class DirectionalLight:
         """A light from a direction of any length.
 
         Raises:
-            ConfigError: no direction, or negative irradiance.
+            ConfigError: the direction is 0 or not finite, or the irradiance negative or black.
         """
         towards = _vector("direction of a directional light", direction)
         length = towards.norm()
@@ -47,17 +47,17 @@ class DirectionalLight:
         return direction, self.irradiance.to(position).expand_as(position)
 
     def rotated(self, rotation: Tensor) -> DirectionalLight:
-        """The light carried along by a rotation `[3, 3]` of the world about the origin."""
+        """The light turned by a rotation `[3, 3]` of the world about the origin."""
         return replace(self, direction=rotation @ self.direction)
 
 
 @dataclass(frozen=True)
 class PointLight:
-    """Light from one point.
+    """A light at one point.
 
     Attributes:
         position: in world axes, `[3]` float64.
-        intensity: RGB; a surface that faces it at distance r gets intensity / r^2, `[3]` float64.
+        intensity: RGB; irradiance facing the light at distance r is intensity / r^2, `[3]` float64.
     """
 
     position: Tensor
@@ -68,7 +68,7 @@ class PointLight:
         """A light at a position.
 
         Raises:
-            ConfigError: not finite, or negative intensity.
+            ConfigError: the position is not finite, or the intensity negative or black.
         """
         return cls(
             _vector("position of a point light", position),
@@ -82,7 +82,7 @@ class PointLight:
         return offset * torch.rsqrt(squared), self.intensity.to(position) / squared
 
     def rotated(self, rotation: Tensor) -> PointLight:
-        """The light carried along by a rotation `[3, 3]` of the world about the origin."""
+        """The light turned by a rotation `[3, 3]` of the world about the origin."""
         return replace(self, position=rotation @ self.position)
 
 
@@ -90,7 +90,7 @@ def checked_rgb(name: str, rgb: Sequence[float]) -> Tensor:
     """RGB `[3]` float64 that is finite, not negative, and not black.
 
     Raises:
-        ConfigError: it is not.
+        ConfigError: the values are not.
     """
     value = _vector(name, rgb)
     if bool((value < 0.0).any()):

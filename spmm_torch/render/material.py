@@ -1,4 +1,4 @@
-"""What the renderer asks of a material, and how it samples one that has no sampler of its own."""
+"""The interface of materials, and the sampler of those without their own."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisp
 
 
 class Material(Protocol):
-    """Cosine-weighted reflectance; an `SPMM` is one as it is."""
+    """Cosine-weighted reflectance; an `SPMM` is a material."""
 
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Linear RGB `[..., 3]` of uv `[..., 2]` and local unit wi, wo `[..., 3]`.
@@ -24,14 +24,14 @@ class Material(Protocol):
 
 @runtime_checkable
 class SampledMaterial(Protocol):
-    """A material that says which light directions matter."""
+    """A material that samples light directions by importance."""
 
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """As in `Material`."""
         ...
 
     def sample(self, uv: Tensor, wo: Tensor, u: Tensor, /) -> tuple[Tensor, Tensor, Tensor]:
-        """Directions wi `[..., 3]` of u `[..., 3]` in [0, 1), their value and their pdf `[...]`."""
+        """Directions wi, values `[..., 3]` and pdf `[...]` of numbers u `[..., 3]` in [0, 1)."""
         ...
 
     def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
@@ -41,7 +41,7 @@ class SampledMaterial(Protocol):
 
 @dataclass(frozen=True)
 class CosineSampled:
-    """A material with the sampler of a diffuse one: every direction stays possible."""
+    """A material sampled like a diffuse one, so that every direction is possible."""
 
     material: Material
 
@@ -50,7 +50,7 @@ class CosineSampled:
         return self.material(uv, wi, wo)
 
     def sample(self, uv: Tensor, wo: Tensor, u: Tensor, /) -> tuple[Tensor, Tensor, Tensor]:
-        """Directions, values and pdf of u `[..., 3]`, whose first two numbers count."""
+        """Directions, values and pdf of u `[..., 3]`; its third number is not used."""
         wi = square_to_cosine_hemisphere(u[..., :2])
         return wi, self.material(uv, wi, wo), self.pdf(uv, wi, wo)
 
@@ -60,5 +60,5 @@ class CosineSampled:
 
 
 def with_sampler(material: Material) -> SampledMaterial:
-    """The material itself where it has a sampler, else with one."""
+    """The material itself if it has a sampler, else `CosineSampled`."""
     return material if isinstance(material, SampledMaterial) else CosineSampled(material)

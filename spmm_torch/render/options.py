@@ -1,4 +1,4 @@
-"""Lights and cameras as words of a command line."""
+"""Lights and cameras from the words of a command line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .lights import WHITE, DirectionalLight, PointLight
 from .renderer import Light
 
 MAP_SUFFIXES = tuple(suffix for codec in CODECS if codec.HDR for suffix in codec.SUFFIXES)
-# Numbers that each kind may have after its colon.
+# How many numbers each kind may have after its colon.
 LIGHT_COUNTS = {"directional": (2, 5), "point": (3, 6)}
 CAMERA_COUNTS = {"orthographic": (0, 2), "perspective": (0, 2, 3, 4)}
 
@@ -65,7 +65,7 @@ def parse_exposure(text: str) -> float | None:
     """The factor of `--exposure`; None for `auto`.
 
     Raises:
-        ConfigError: neither.
+        ConfigError: the text is neither `auto` nor a positive number.
     """
     if text == "auto":
         return None

@@ -1,4 +1,4 @@
-"""Where the random numbers of a picture come from: strata of pixels, and shifted Sobol points."""
+"""The random numbers of a picture: stratified points of pixels, and shifted Sobol points."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def pixel_points(pixel: Tensor, size: int, samples: int, generator: torch.Genera
     Args:
         pixel: row * size + column of N pixels, row 0 at the top.
         size: pixels along each side of the picture, which spans 0 to 1.
-        samples: strata of a pixel, as near to square as the number allows.
+        samples: strata of a pixel, as nearly square as their number allows.
         generator: on the CPU.
     """
     down = max(n for n in range(1, math.isqrt(samples) + 1) if samples % n == 0)
@@ -32,8 +32,9 @@ def pixel_points(pixel: Tensor, size: int, samples: int, generator: torch.Genera
 
 @dataclass(frozen=True)
 class LightNumbers:
-    """Numbers in [0, 1) that choose lights and directions: the same even points for all pixels,
-    shifted at random for each of them [Cranley and Patterson 1976].
+    """Numbers in [0, 1) that choose lights and directions.
+
+    All pixels have the same Sobol points, shifted by a random vector [Cranley and Patterson 1976].
 
     Attributes:
         points: Sobol points of a pixel, `[samples, n, 5]`.
@@ -56,7 +57,7 @@ class LightNumbers:
         return LightNumbers(self.points.to(device), self.shift.to(device))
 
     def of(self, pixel: Tensor, sample: Tensor) -> tuple[Tensor, Tensor]:
-        """For lights `[N, n, 2]` and for materials `[N, n, 3]`, of N eye rays."""
+        """The numbers of N eye rays: for lights `[N, n, 2]`, for materials `[N, n, 3]`."""
         moved = self.points[sample] + self.shift[pixel][:, None]
         u = moved - torch.floor(moved)
         return u[..., :LIGHT_NUMBERS], u[..., LIGHT_NUMBERS:]

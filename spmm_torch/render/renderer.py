@@ -21,7 +21,7 @@ from .shapes import Shape
 
 Light = DirectionalLight | PointLight | EnvironmentLight
 # Eye rays that are traced at once.
-BLOCK_RAYS = 1 << 20
+BLOCK_EYE_RAYS = 1 << 20
 # Hits are visited tile by tile of the texture, so that neighbours share what they read.
 TILES = 64
 DEFAULT_SETTINGS = RenderSettings()
@@ -29,10 +29,10 @@ DEFAULT_SETTINGS = RenderSettings()
 
 @dataclass(frozen=True)
 class Scene:
-    """What is rendered: one shape, one camera, and lights.
+    """One shape, one camera, and lights.
 
     Raises:
-        ConfigError: no light, or the camera lies inside of the shape.
+        ConfigError: there is no light, or the camera lies inside the shape.
     """
 
     shape: Shape
@@ -53,11 +53,11 @@ class Scene:
 
 @dataclass(frozen=True)
 class Rendering:
-    """A picture.
+    """A rendered picture.
 
     Attributes:
         picture: linear radiance `[size, size, 3]`, row 0 at the top; black beside the shape.
-        coverage: the part of each pixel that the shape covers, `[size, size]`.
+        coverage: the fraction of each pixel that the shape covers, `[size, size]`.
     """
 
     picture: Tensor
@@ -80,7 +80,7 @@ def render(
         scene: shape, camera and lights.
         settings: size and samples.
         device, dtype: of the computation and of the result.
-        progress: told how many more eye rays are done.
+        progress: called with the number of eye rays just done.
 
     Raises:
         ConfigError: the camera sees nothing of the shape.
@@ -93,7 +93,7 @@ def render(
     numbers = LightNumbers.draw(count, settings.samples, settings.light_samples, generator)
     numbers = numbers.to(device)
     tell = progress or (lambda count: None)
-    for pixels in slices(count, max(1, BLOCK_RAYS // settings.samples)):
+    for pixels in slices(count, max(1, BLOCK_EYE_RAYS // settings.samples)):
         hits = trace(scene, settings, pixels, generator, total)
         for block in hit_blocks(hits, scene, settings):
             total.index_add_(0, block.pixel, shade(material, block, scene.lights, numbers))
@@ -120,7 +120,11 @@ def trace(
     """The hits of all eye rays of consecutive pixels, tile by tile of the texture.
 
     Args:
-        like: tells device and type.
+        scene: shape and camera.
+        settings: size and samples.
+        pixels: their numbers.
+        generator: of points within the pixels, on the CPU.
+        like: a tensor `[...]` of the device and dtype of the hits.
     """
     pixel = torch.arange(pixels.start, pixels.stop, device=like.device)
     at = pixel_points(pixel, settings.size, settings.samples, generator).to(like)
@@ -145,7 +149,7 @@ def trace(
 
 
 def hit_blocks(hits: Hits, scene: Scene, settings: RenderSettings) -> Iterator[Hits]:
-    """The hits, so many at once as the directions of each allow."""
+    """The hits in blocks of bounded numbers of directions."""
     has_environment = any(isinstance(light, EnvironmentLight) for light in scene.lights)
     each = max(len(scene.lights), 2 * settings.light_samples if has_environment else 1)
     for block in slices(len(hits), max(1, BLOCK_DIRECTIONS // each)):
@@ -169,6 +173,6 @@ def shade(material: Material, hits: Hits, lights: Sequence[Light], numbers: Ligh
 def _moved(
     lights: Sequence[Light], device: torch.device | str, dtype: torch.dtype
 ) -> Iterator[Light]:
-    """Lights whose maps lie where they are read."""
+    """Lights with their maps on the device of the computation."""
     for light in lights:
         yield light.to(device, dtype) if isinstance(light, EnvironmentLight) else light

@@ -22,7 +22,7 @@ def scene_of(config: SceneConfig, aspect: float = 1.0) -> Scene:
     """The scene that settings describe, for a texture of `aspect` = width over height.
 
     Raises:
-        ConfigError: no such camera or light, or the camera lies inside of the shape.
+        ConfigError: a camera or light is unknown, or the camera lies inside the shape.
         DataError: an environment map cannot be used.
     """
     shape = SHAPES[config.shape](Texture(config.repeat, aspect))
@@ -34,6 +34,6 @@ def read_scene(path: Path | str) -> SceneConfig:
     """The settings of a scene in a YAML file.
 
     Raises:
-        ConfigError: no such file, no YAML, an unknown key, or a value out of its range.
+        ConfigError: the file cannot be read, is not YAML, or has a wrong key or value.
     """
     return from_dict(SceneConfig, read_yaml(path))

@@ -1,7 +1,7 @@
-"""The two shapes that a material is judged on, both around the origin and one unit to each side.
+"""The shapes that show a material, both around the origin, from -1 to 1.
 
 World axes: x right, y up, z towards a camera in front. In the middle of either shape the local
-frame (tangent, bitangent, normal) is (x, y, z), so that pictures show textures upright.
+frame (tangent, bitangent, normal) is (x, y, z): pictures show textures upright.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from torch import Tensor
 
 from ..errors import ConfigError
 
-# Squared distances are kept above this under roots: far below what float32 tells apart at 1.
-TINY = 1e-12
+# Least squared radius under a root; float32 does not tell 1 from 1 plus this.
+LEAST_SQUARED_RADIUS = 1e-12
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Texture:
     """How a texture lies on a shape.
 
     Attributes:
-        repeat: copies from the left to the right edge of a plane, or in half a turn of a sphere.
+        repeat: copies across a plane, or along half a turn of a sphere.
         aspect: width over height of the texture; its texels stay square.
 
     Raises:
-        ConfigError: not positive.
+        ConfigError: a value is not positive.
     """
 
     repeat: float = 1.0
@@ -50,7 +50,7 @@ class Texture:
     def at(self, across: Tensor, up: Tensor) -> Tensor:
         """uv `[..., 2]` of distances `[...]` from the middle, in widths of the shape.
 
-        One copy lies in the middle, so that its seams, if it has any, do not.
+        One copy lies in the middle, so that no seam does.
         """
         u, v = self.repeat * across, self.repeat * self.aspect * up
         return torch.stack((u, v), dim=-1) + 0.5
@@ -61,10 +61,10 @@ class Sphere:
     """The unit sphere; u runs along the longitude, v along the latitude, its poles are +-y."""
 
     texture: Texture = Texture()
-    axis = (0.0, 1.0, 0.0)  # a turntable turns about it
+    axis = (0.0, 1.0, 0.0)  # of a turntable
 
     def distance(self, rays: Rays) -> Tensor:
-        """How far along each ray `[R]` its first point on the outside lies; infinite for none."""
+        """Distance `[R]` at which each ray first meets the outside; infinite where it misses."""
         along = -(rays.origin * rays.direction).sum(-1)
         nearest = rays.origin + along[:, None] * rays.direction  # of the ray to the centre
         left = 1.0 - (nearest * nearest).sum(-1)
@@ -80,7 +80,7 @@ class Sphere:
         tangent = torch.stack((torch.cos(longitude), zero, -torch.sin(longitude)), dim=-1)
         bitangent = torch.linalg.cross(normal, tangent)
         frame = torch.stack((tangent, bitangent, normal), dim=-2)
-        latitude = torch.atan2(y, torch.sqrt((x * x + z * z).clamp(min=TINY)))
+        latitude = torch.atan2(y, torch.sqrt((x * x + z * z).clamp(min=LEAST_SQUARED_RADIUS)))
         return frame, self.texture.at(longitude / math.pi, latitude / math.pi)
 
     def holds(self, point: Tensor) -> bool:
@@ -96,10 +96,10 @@ class Plane:
     axis = (0.0, 0.0, 1.0)
 
     def distance(self, rays: Rays) -> Tensor:
-        """How far along each ray `[R]` its point on the upper side lies; infinite for none."""
-        slope = rays.direction[:, 2]
-        faces = slope < 0.0
-        distance = -rays.origin[:, 2] / torch.where(faces, slope, -1.0)
+        """Distance `[R]` at which each ray meets the upper side; infinite where it misses."""
+        z = rays.direction[:, 2]
+        faces = z < 0.0
+        distance = -rays.origin[:, 2] / torch.where(faces, z, -1.0)
         position = rays.origin + distance[:, None] * rays.direction
         on = faces & (distance > 0.0) & (position[:, :2].abs() <= 1.0).all(-1)
         return torch.where(on, distance, torch.inf)
@@ -111,10 +111,10 @@ class Plane:
         return frame.expand(len(position), 3, 3), self.texture.at(across, up)
 
     def holds(self, point: Tensor) -> bool:
-        """Nothing lies inside of a plane."""
+        """Whether a point `[3]` lies inside: never, for a plane."""
         return False
 
 
 Shape = Sphere | Plane
-# By the names in `config.render.SHAPE_NAMES`.
+# Shapes by the names in `config.render.SHAPE_NAMES`.
 SHAPES: dict[str, Callable[[Texture], Shape]] = {"sphere": Sphere, "plane": Plane}

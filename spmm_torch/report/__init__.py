@@ -1,4 +1,4 @@
-"""What a run found: `report.json` for programs and `report.html` for people."""
+"""The results of a run: `report.json` for programs and `report.html` for people."""
 
 from __future__ import annotations
 

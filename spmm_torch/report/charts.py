@@ -31,10 +31,10 @@ class Bar:
     """One bar.
 
     Attributes:
-        label: what it stands for.
-        value: its length, in any unit that all bars share.
+        label: its name.
+        value: its length, in the same unit for all bars.
         text: its value as text, beside it.
-        colour: of its own; empty for that of the page.
+        colour: its own colour; empty for that of the page.
     """
 
     label: str

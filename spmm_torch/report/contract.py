@@ -1,6 +1,6 @@
 """`report.json`: one frozen dataclass, and how it is written and read.
 
-Figures that are not known, as the errors of an edited model, are None: null in the file.
+Unknown figures, such as the errors of an edited model, are None: null in the file.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class MSSIM:
 
 @dataclass(frozen=True)
 class FailedStarts:
-    """Starts of the search, and how many of them failed, and how."""
+    """Starts of the search: all, the failed ones, and these by cause."""
 
     starts: int | None = None
     count: int | None = None
@@ -64,7 +64,7 @@ class FailedStarts:
 
 @dataclass(frozen=True)
 class Ablation:
-    """SNR in dB of lobes alone over some texels, and the same without each model."""
+    """SNR in dB of lobes alone over some texels, and without each BRDF."""
 
     texels: int | None = None
     snr_db: float | None = None
@@ -99,18 +99,18 @@ class Report:
         bytes: of the model.
         raw_bytes: of the input at its own bit depth.
         compression_ratio: raw bytes over those of the model.
-        psnr_peak: the value that counts as peak.
+        psnr_peak: peak value of the PSNR.
         psnr_db, snr_db: over all texels, measured pairs and channels.
         weighted_snr_db: by the weights of the fit; None where all values count alike.
         mssim: of the sphere pictures.
         lobes_by_model: entries of texels by BRDF, the most used one first.
         failed_starts: of the search.
         solvers: problems by solver and by how they ended: converged, limit, no_descent, not_finite.
-        error_without_model: what each BRDF is worth.
-        auto: what was found to pay; None without `--auto`.
+        error_without_model: ablation of each BRDF.
+        auto: the choice of `--auto`; None without it.
         seconds: by stage.
         peak_memory_bytes: of the process on a CPU, of torch's allocations on a GPU.
-        device: in words.
+        device: its name.
         seed: of every random choice.
         versions: by package.
     """
@@ -158,13 +158,13 @@ class Report:
 
 
 def _groups() -> dict[str, type]:
-    """The fields of a report that have keys of their own, and their classes."""
+    """The fields of a report whose values are dataclasses, and their classes."""
     hints = get_type_hints(Report)
     return {key: kind for key, kind in hints.items() if hasattr(kind, "__dataclass_fields__")}
 
 
 GROUPS = _groups()
-# Every key in its order, with the keys below it; () if the value has none, or free ones.
+# Every key in its order, with the keys below it; () for none, or for keys that vary.
 REPORT_KEYS: dict[str, tuple[str, ...]] = {
     each.name: tuple(part.name for part in fields(GROUPS[each.name])) if each.name in GROUPS else ()
     for each in fields(Report)
@@ -203,7 +203,7 @@ def write_report(folder: Path, report: Report) -> Path:
 
 
 def json_text(content: Mapping[str, Any]) -> str:
-    """The text of a JSON file, null for each number that is not finite."""
+    """The text of a JSON file; numbers that are not finite become null."""
     return json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 

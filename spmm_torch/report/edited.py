@@ -1,4 +1,4 @@
-"""Report of an edited run: its edits, and how it looks before and after."""
+"""The report of an edited run: its edits, and pictures before and after."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def edited_report(report: Report, model: SPMM) -> Report:
 
 @dataclass(frozen=True)
 class Counts:
-    """How large a model is."""
+    """Sizes of a model."""
 
     lobes: int
     lobes_per_texel: float
@@ -65,12 +65,12 @@ class Counts:
 
 @dataclass(frozen=True)
 class EditedPage:
-    """What `edited.html.j2` shows.
+    """The values of `edited.html.j2`.
 
     Attributes:
         name: of the material.
         script: the edits, as YAML.
-        slices: the model before and after them at some direction pairs.
+        slices: the model before and after the edits, at some direction pairs.
         maps: clusters and lobes of the edited model.
         before, after: sizes of the models.
     """
@@ -89,7 +89,7 @@ def write_edited_html(path: Path, before: SPMM, after: SPMM, script: str) -> Non
     Args:
         path: file to write.
         before, after: the models.
-        script: the edits that lie between them, as YAML.
+        script: the edits between them, as YAML.
     """
     counts = Counts.of(before), Counts.of(after)
     page = EditedPage(after.name, script, _slices(before, after), model_maps(after), *counts)
@@ -107,7 +107,7 @@ def _slices(before: SPMM, after: SPMM) -> Gallery:
 
 @torch.no_grad()
 def _row(before: SPMM, after: SPMM, pair: Pair) -> PictureRow:
-    """Both models under one pair of directions, with the same exposure."""
+    """Both models at one direction pair, with the same exposure."""
     wi, wo = after.light[pair.light], after.view[pair.view]
     linear = [model.picture(wi, wo).clamp(min=0.0) for model in (before, after)]  # [H, W, 3] each
     exposure = white_exposure(linear[0].cpu().numpy())

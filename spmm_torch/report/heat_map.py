@@ -40,10 +40,10 @@ def heat_map(
     """Cells coloured from the least to the greatest value; values that are not finite are grey.
 
     Args:
-        values: one list a row of cells.
-        texts: what stands in the cells.
+        values: one list for each row of cells.
+        texts: of the cells.
         rows, columns: names and labels of the sides.
-        title: what it shows, for readers who cannot see it.
+        title: description for screen readers.
     """
     table = np.array(values, dtype=np.float64).reshape(len(rows.labels), len(columns.labels))
     position = scaled(table)

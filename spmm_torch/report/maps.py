@@ -1,4 +1,4 @@
-"""Where the model spends its lobes: cluster map, lobes a texel, lobes by model."""
+"""Maps and charts of a model: clusters, number of lobes of each texel, lobes by model."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Maps:
 
 
 def model_maps(model: SPMM) -> Maps:
-    """All of them."""
+    """All maps and charts of a model."""
     number = model.lobe_count_per_texel().cpu()  # [T]
     counts = torch.bincount(number).tolist()
     colours = heat_colours(len(counts))
@@ -53,7 +53,7 @@ def texel_map(
 
     Args:
         model: its texture gives the size of the picture.
-        index: of the colour of each texel, `[T]`.
+        index: index of the colour of each texel, `[T]`.
         colours: `[N, 3]`.
         alternative, caption: of the picture.
     """

@@ -1,4 +1,4 @@
-"""`report.html`: one file that holds all it shows and needs no script."""
+"""`report.html`: one self-contained file without scripts."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ SECONDS_PER_HOUR = 3600.0
 
 @dataclass(frozen=True)
 class ReportPage:
-    """What `report.html.j2` shows.
+    """The values of `report.html.j2`.
 
     Attributes:
         report: the content of `report.json`.
-        btf: what was fitted.
+        btf: that was fitted.
         slices: original and model at some direction pairs.
-        sections: further sections.
+        sections: shown after the slices.
         maps: clusters and lobes of the model.
     """
 
@@ -45,8 +45,9 @@ class ReportPage:
         """SNR of the whole model above that of bare cluster means; None where one is not finite."""
         snr = self.report["snr_db"]
         whole, means = snr["with_residual"], snr["cluster_mean"]
-        known = whole is not None and means is not None and math.isfinite(whole - means)
-        return whole - means if known else None
+        if whole is None or means is None:
+            return None
+        return whole - means if math.isfinite(whole - means) else None
 
     @property
     def hours(self) -> float | None:
@@ -94,8 +95,8 @@ def write_html(
         path: file to write.
         report: the content of `report.json`.
         model: the fitted model; its directions are those of `btf`.
-        btf: what it was fitted to.
-        sections: pictures to show after the texture slices.
+        btf: that it was fitted to.
+        sections: shown after the texture slices.
 
     Raises:
         ValueError: keys of the report are missing or unknown.

@@ -1,4 +1,4 @@
-"""Which direction pairs the page shows."""
+"""The direction pairs that the page shows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WANTED = (
     ("Grazing light", (75.0, 180.0), (30.0, 270.0)),
     ("Grazing view", (45.0, 90.0), (75.0, 0.0)),
 )
-# A direction further than this from the wanted one does not show what the title says.
+# Largest distance from a wanted direction, in radians, at which the title is still true.
 MAX_DISTANCE = math.radians(25.0)
 
 
@@ -56,7 +56,7 @@ def choose_pairs(light: Tensor, view: Tensor, missing: Tensor | None = None) -> 
 
 
 def angles(direction: Tensor) -> str:
-    """`45° / 140°`: polar angle and azimuth of a unit vector `[3]`, in whole degrees."""
+    """Polar angle and azimuth of a unit vector `[3]` in whole degrees: `45° / 140°`."""
     x, y, z = direction.double().tolist()
     theta = math.degrees(math.atan2(math.hypot(x, y), z))
     phi = round(math.degrees(math.atan2(y, x))) % 360 if round(theta) else 0
@@ -64,7 +64,7 @@ def angles(direction: Tensor) -> str:
 
 
 def directions_text(wi: Tensor, wo: Tensor) -> str:
-    """`light 45° / 140°, view 0° / 0°` of unit vectors `[3]`."""
+    """Both directions as text, of unit vectors `[3]`: `light 45° / 140°, view 0° / 0°`."""
     return f"light {angles(wi)}, view {angles(wo)}"
 
 

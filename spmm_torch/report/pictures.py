@@ -11,9 +11,9 @@ from torch import Tensor
 
 from ..render.display import SHOWN_FRACTION, Codes, encode_png
 
-# The amplification of differences doubles up to this.
+# Largest amplification of differences, a power of two.
 MAX_GAIN = 64
-# Hues of successive clusters are this part of a turn apart, so neighbours differ for any count.
+# Fraction of a turn between the hues of successive clusters: they differ for any number.
 GOLDEN_TURN = 0.618034
 # (saturation, value) in turn, so that clusters of similar hue still differ.
 TONES = ((0.45, 0.92), (0.70, 0.72), (0.30, 0.78), (0.62, 0.98))
@@ -22,7 +22,7 @@ HEAT = ((52, 42, 110), (48, 98, 150), (42, 152, 136), (140, 196, 70), (250, 214,
 
 
 def difference_gain(worst: float) -> int:
-    """The largest power of two, at most 64, that keeps differences of `worst` (exposed) below 1."""
+    """The largest power of two, at most 64, that amplifies a difference `worst` to 1 at most."""
     gain = 1
     while 2 * gain * worst <= 1.0 and gain < MAX_GAIN:
         gain *= 2
@@ -30,13 +30,13 @@ def difference_gain(worst: float) -> int:
 
 
 def shared_gain(differences: Sequence[Tensor]) -> int:
-    """`difference_gain` of the 99th percentile of exposed differences, `[H, W, 3]` each."""
+    """The gain for the 99th percentile of exposed differences, `[H, W, 3]` each."""
     sizes = (part.abs().cpu().numpy() for part in differences)
     return difference_gain(max(float(np.quantile(size, SHOWN_FRACTION)) for size in sizes))
 
 
 def cluster_colours(number: int) -> Codes:
-    """A colour for each cluster, `[K, 3]`; cluster k has the same one in every report."""
+    """A colour for each cluster, `[K, 3]`; the same for cluster k in every report."""
     colours = [
         colorsys.hsv_to_rgb(index * GOLDEN_TURN % 1.0, *TONES[index % len(TONES)])
         for index in range(number)
@@ -53,7 +53,7 @@ def heat_colours(steps: int) -> Codes:
 
 
 def css_colour(codes: Codes) -> str:
-    """`#3062ab` of one colour `[3]`."""
+    """A colour `[3]` as CSS writes it: `#3062ab`."""
     return "#" + bytes(codes.tolist()).hex()
 
 

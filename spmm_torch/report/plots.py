@@ -18,7 +18,7 @@ LEGEND_ROW, LEGEND_COLUMNS, LEGEND_TOP = 20, 3, 10
 RADIUS = 4.5
 # Width and height of a letter in a label, and the gap between a label and its point.
 LETTER, LINE, GAP = 6.2, 13.0, 7.0
-# Series beyond this many look like the first ones again; style.css.j2 has as many colours.
+# Number of different looks of series, after which they repeat; style.css.j2 has their colours.
 LOOKS = 7
 
 
@@ -56,7 +56,7 @@ def plot(series: Sequence[Series], x_axis: Axis, y_axis: Axis, title: str) -> Ma
         series: points; values that are not finite, or not positive on a logarithmic axis, are
             left out.
         x_axis, y_axis: of the plot.
-        title: what it shows, for readers who cannot see it.
+        title: description for screen readers.
     """
     drawn = [_visible(each, x_axis, y_axis) for each in series]
     points = [point for each in drawn for point in each.points]
@@ -111,7 +111,7 @@ def _axes(x: Scale, y: Scale, x_axis: Axis, y_axis: Axis) -> list[Markup]:
 
 @dataclass
 class _Canvas:
-    """The area of a plot, and the boxes (left, top, right, bottom) that are occupied in it."""
+    """The area of a plot, and its occupied boxes (left, top, right, bottom)."""
 
     x: Scale
     y: Scale
@@ -130,7 +130,7 @@ class _Canvas:
         return element("g", *parts)
 
     def labels(self, series: Sequence[Series]) -> Markup:
-        """Labels, each on the side of its point where it covers least."""
+        """Labels, each beside its point where it covers least."""
         parts = []
         for point in (point for each in series for point in each.points if point.label):
             left, top = self.x(point.x), self.y(point.y)
@@ -149,7 +149,7 @@ class _Canvas:
         return element("g", *parts)
 
     def _crowding(self, box: tuple[float, float, float, float]) -> float:
-        """How much of a box is occupied, or lies outside of the plot."""
+        """The area of a box that is occupied or outside of the plot, weighted."""
         outside = max(LEFT - box[0], 0.0) + max(box[2] - (WIDTH - RIGHT), 0.0)
         outside += max(TOP - box[1], 0.0) + max(box[3] - (HEIGHT - BOTTOM), 0.0)
         return LINE * outside + sum(_overlap(box, other) for other in self.taken)
@@ -182,7 +182,7 @@ def _legend(series: Series, look: int) -> Markup:
 
 
 def mark(look: int, left: float, top: float, text: str) -> Markup:
-    """The mark of a series; its shape tells it apart where its colour cannot."""
+    """The mark of a series: its shape distinguishes it without colour."""
     title = element("title", text)
     class_ = f"s{look % LOOKS} mark"
     shape = look % 4

@@ -52,7 +52,9 @@ class Scale:
         return ticks if len(ticks) >= FEWEST else _linear_ticks(10.0**self.low, 10.0**self.high)
 
     def _log_ticks(self) -> list[float]:
+        """Ticks of the finest kind that are not too many, else of the coarsest."""
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
+        ticks: list[float] = []
         for places in DECADE_PLACES:
             ticks = [place * 10.0**decade for decade in decades for place in places]
             ticks = [tick for tick in ticks if self.low <= math.log10(tick) <= self.high]

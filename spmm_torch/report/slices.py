@@ -24,7 +24,7 @@ class Slice:
     """One direction pair.
 
     Attributes:
-        title: what the pair shows.
+        title: of the pair.
         directions: its angles, as text.
         original, lobes, model: linear pictures `[H, W, 3]`.
         factor: the exposure of all three.

@@ -1,4 +1,4 @@
-"""The report of a fit, made of what its stages found."""
+"""The report of a fit, from the results of its stages."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def summarize(
         model: the fitted model.
         context: of the run.
         totals: squared errors over the whole input.
-        weighted: the same by weight; None where all values count alike.
-        starts: of the search, see `FoundLobes.starts`.
-        solvers: all problems that were solved, by solver and status.
-        ablation: what each BRDF is worth.
-        auto: what was found to pay.
-        mssim: of the sphere pictures; None where they were not asked for.
+        weighted: the same by weight; None if all weights are equal.
+        starts: of the search `[3]`, see `FoundLobes.starts`.
+        solvers: all solved problems by solver and status.
+        ablation: SNR without each BRDF.
+        auto: the choice of `--auto`.
+        mssim: of the sphere pictures; None without pictures.
     """
     count = btf.texel_count * btf.measured_count * btf.channels
     peak = btf.peak()
@@ -83,13 +83,13 @@ def summarize(
 
 
 def failed_starts(starts: Tensor) -> FailedStarts:
-    """How many starts of the search failed, and how, of `FoundLobes.starts [3]`."""
+    """Failed starts of the search by cause, from `FoundLobes.starts [3]`."""
     total, not_finite, no_descent = starts.tolist()
     return FailedStarts(total, not_finite + no_descent, not_finite, no_descent)
 
 
 def warning_of_failed_starts(starts: Tensor) -> str | None:
-    """One sentence where starts of the search met no number; the others went on without them."""
+    """A warning if any of the `starts [3]` met NaN or infinity; None otherwise."""
     failed = failed_starts(starts)
     if not failed.not_finite:
         return None
@@ -118,14 +118,14 @@ def peak_memory(device: torch.device) -> int:
 
 
 def device_name(device: torch.device) -> str:
-    """What the fit ran on, for people."""
+    """The name of a device, for people."""
     if device.type == "cuda":
         return f"{device} ({torch.cuda.get_device_name(device)})"
     return f"{device} ({torch.get_num_threads()} threads)"
 
 
 def versions() -> dict[str, str]:
-    """Versions of what can change the figures."""
+    """Versions of the packages that can change the figures."""
     try:
         own = version("spmm_torch")
     except PackageNotFoundError:  # run from a checkout

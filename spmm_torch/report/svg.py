@@ -1,4 +1,4 @@
-"""Elements of inline SVG, which cannot be written unescaped."""
+"""Elements of inline SVG, always escaped."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ def element(name: str, /, *content: str, **attributes: str | float) -> Markup:
 
     Args:
         name: of the element.
-        content: inside of it; escaped unless it is `Markup`.
+        content: of the element; escaped unless it is `Markup`.
         attributes: `class_` stands for class and `text_anchor` for text-anchor.
     """
     given = Markup().join(

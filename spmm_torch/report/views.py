@@ -1,4 +1,4 @@
-"""What templates show: pictures, charts, and rows of pictures."""
+"""Parts of pages: pictures, charts, and rows of pictures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Picture:
 
     Attributes:
         uri: its data.
-        alternative: what it shows, for readers who cannot see it.
+        alternative: description for screen readers.
         caption: the text below it.
         pixelated: whether its pixels stay sharp squares.
     """
@@ -31,7 +31,7 @@ class Picture:
 
     @classmethod
     def of_texels(cls, codes: Codes, alternative: str, caption: str) -> Picture:
-        """One pixel a texel, 8-bit codes `[H, W, 3]`; sharp where the texture is small."""
+        """A picture of 8-bit codes `[H, W, 3]`, one pixel for each texel; sharp if it is small."""
         return cls(png_uri(codes), alternative, caption, codes.shape[1] < SHOWN_WIDTH)
 
 

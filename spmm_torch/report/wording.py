@@ -1,4 +1,4 @@
-"""Numbers as people read them; an unknown value is a dash."""
+"""Numbers as text for people; an unknown value is a dash."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..runtime.progress import MINUTE, duration
 UNKNOWN = "–"
 # Seconds below which milliseconds are shown.
 SHORT = 0.1
-# The paper counts in these: 32 x 81^2 x 3 x 4 bytes are its "2.40 MB" [WDR11 §4.2].
+# Units of the paper, where 32 x 81^2 x 3 x 4 bytes are "2.40 MB" [WDR11 §4.2].
 KILOBYTE, MEGABYTE, GIGABYTE = 1 << 10, 1 << 20, 1 << 30
 
 
@@ -27,7 +27,7 @@ def signed(value: float, form: str) -> str:
 
 
 def fixed(value: float | None, decimals: int) -> str:
-    """A number with so many decimals; a dash where it is not finite."""
+    """A number with `decimals` decimals; a dash where it is not finite."""
     return UNKNOWN if value is None or not math.isfinite(value) else signed(value, f".{decimals}f")
 
 

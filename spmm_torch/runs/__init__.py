@@ -1,1 +1,1 @@
-"""Run folders: made whole or not at all, gone on with after a stop, and those of edited models."""
+"""Run folders: written whole or not at all, resumable, and those of edited models."""

@@ -1,4 +1,4 @@
-"""The run folder of an edited model: self-contained, with the script that makes it again."""
+"""The run folder of an edited model: self-contained, with the script of its edits."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def edit_run(
         run: folder or model file.
         script: the edits.
         output: the folder to make.
-        device: where the model is edited.
+        device: of the edits.
 
     Raises:
         SPMMError: the run cannot be read, an edit cannot be done, or `output` cannot be written.
@@ -49,8 +49,8 @@ def save_edited_run(
     """Writes the run folder of an edited model, whole or not at all.
 
     It holds the model, the settings of the fit, `edits.yaml`, the pictures of its masks, and
-    reports in which errors of the fit are unknown. If `run` is an edited run itself, `edits.yaml`
-    begins with its edits, so that it leads from the fit to this model.
+    reports in which errors of the fit are unknown. If `run` is an edited run, `edits.yaml` begins
+    with the edits of `run`, so that it leads from the fit to this model.
 
     Args:
         run: folder or model file that was edited.

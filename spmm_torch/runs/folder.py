@@ -1,4 +1,4 @@
-"""A run folder: made whole or not at all, and gone on with after a stop."""
+"""A run folder: written whole or not at all, and resumable."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from ..runtime.ranks import ALONE, Ranks
 from ..runtime.tensor_file import MODEL_FILE
 
 CONFIG, LOG, REPORT_PAGE = "config.yaml", "log.txt", "report.html"
-# Inside of the folder while it is made: finished stages, what they depend on, and a lock.
-STATE_VERSION = 2  # of what finished stages hold
+# In the folder while it is made: finished stages, the settings they depend on, and a lock.
+STATE_VERSION = 2  # of the files of finished stages
 STATE, FINGERPRINT, LOCK = "state", "fingerprint.json", "lock"
 
 
@@ -36,7 +36,7 @@ def is_finished(path: Path | str) -> bool:
 
 
 def fingerprint(btf: BTF, config: FitConfig) -> dict[str, Any]:
-    """All that the finished stages of a run depend on, as flat JSON."""
+    """All values that the finished stages of a run depend on, as flat JSON."""
     source = Path(btf.path)
     size = source.stat().st_size if source.is_file() else None
     shape = [btf.height, btf.width, len(btf.view), len(btf.light)]
@@ -65,21 +65,21 @@ def new_run(
     resume: bool = False,
     ranks: Ranks = ALONE,
 ) -> Iterator[Path]:
-    """A folder `.NAME.part` beside `path`, renamed to it at the end.
+    """A folder `.NAME.part` beside `path`, renamed to `path` at the end.
 
-    If anything goes wrong it is removed, and nothing is left; but where stages were finished
-    already, it stays for a later call with `resume`.
+    After an error the folder is removed, unless it holds finished stages: then it stays for a
+    later call with `resume`.
 
     Args:
         path: of the run.
-        depends_on: what the finished stages depend on, as JSON; a run whose own differs is not
-            gone on with.
-        resume: go on with what an earlier call has left, if it has.
+        depends_on: values that the finished stages depend on, as JSON; an unfinished run with
+            other values is not resumed.
+        resume: resume the unfinished run, if there is one.
         ranks: the processes of the run; the first one makes the folder.
 
     Raises:
-        OutputError: `path` exists or cannot be written, or an unfinished run is in the way.
-        ConfigError: the unfinished run is another one.
+        OutputError: `path` exists or cannot be written, or is unfinished and `resume` is False.
+        ConfigError: the unfinished run has other values of `depends_on`.
     """
     target = Path(path)
     folder = target.parent / f".{target.name}.part"
@@ -101,7 +101,7 @@ def _begin(
     depends_on: dict[str, Any] | None,
     resume: bool,
 ) -> None:
-    """Makes the folder, or takes over an unfinished one, and holds it for this process alone."""
+    """Makes the folder, or takes over an unfinished one, and locks it for this process."""
     try:
         _check_free(target)
         held.callback(_remove_empty, [parent for parent in target.parents if not parent.exists()])
@@ -142,7 +142,7 @@ def _has_state(folder: Path) -> bool:
 def _check_unfinished(
     target: Path, folder: Path, depends_on: dict[str, Any] | None, resume: bool
 ) -> None:
-    """Whether an unfinished run may be gone on with."""
+    """Checks that an unfinished run may be resumed."""
     if not resume:
         raise OutputError(
             f"an unfinished run of {target} lies in {folder}; add --resume to go on with it, or "
@@ -159,10 +159,10 @@ def _check_unfinished(
 
 
 def remove_leftovers(run: Path | str) -> None:
-    """Removes from a whole run what only its making needed.
+    """Removes files from a finished run that only its making needed.
 
-    They go after the run has its name, so that a kill at this point loses nothing; the fingerprint,
-    by which they are known, goes last.
+    They are removed after the run has its name, so that a kill before loses nothing. The
+    fingerprint goes last, because it marks a run with leftovers.
     """
     if not (Path(run) / FINGERPRINT).is_file():
         return
@@ -179,7 +179,7 @@ def _remove_worthless(folder: Path) -> None:
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    with suppress(OSError):  # they stay where they hold the run
+    with suppress(OSError):  # folders that hold the run are not empty and stay
         for folder in folders:
             folder.rmdir()
 

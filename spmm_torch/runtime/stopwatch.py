@@ -37,7 +37,7 @@ class Stopwatch:
         """A watch for one of `count` pieces of work that run side by side."""
         return type(self)(self.device, share=self.share / count)
 
-    def take(self, other: Self) -> None:
+    def take(self, other: Stopwatch) -> None:
         """Adds what another watch has."""
         for stage, spent in other.seconds.items():
             self._add(stage, spent)

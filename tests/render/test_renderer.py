@@ -111,7 +111,7 @@ def test_the_same_seed_gives_the_same_picture() -> None:
 def test_block_sizes_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = RenderSettings(size=16, samples=3, light_samples=2)
     whole = render(Lambertian(), everything(), settings)
-    monkeypatch.setattr(renderer, "BLOCK_RAYS", 100)
+    monkeypatch.setattr(renderer, "BLOCK_EYE_RAYS", 100)
     monkeypatch.setattr(renderer, "BLOCK_DIRECTIONS", 50)
     told: list[int] = []
     parts = render(Lambertian(), everything(), settings, progress=told.append)

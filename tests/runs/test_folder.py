@@ -1,10 +1,11 @@
-"""A run folder is made whole or not at all, and an unfinished one is gone on with."""
+"""A run folder is written whole or not at all, and an unfinished one is resumed."""
 
 from __future__ import annotations
 
 import errno
 import json
 import os
+import shutil
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -239,17 +240,20 @@ def test_full_disk_at_the_start_leaves_nothing(
     assert names(tmp_path) == []
 
 
-@pytest.mark.parametrize("step", ["shutil.rmtree", "Path.unlink"])
+@pytest.mark.parametrize(("owner", "step"), [(shutil, "rmtree"), (Path, "unlink")])
 def test_kill_while_leftovers_go_loses_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: object, step: str
 ) -> None:
     """The run has its name by then; a later `--resume` removes the rest."""
+    remove = getattr(owner, step)
 
-    def kill(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
+    def kill(path: Path, *arguments: object, **options: object) -> None:
+        if path.is_relative_to(tmp_path / "run"):
+            raise KeyboardInterrupt
+        remove(path, *arguments, **options)
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"spmm_torch.runs.folder.{step}", kill)
+        patch.setattr(owner, step, kill)
         with pytest.raises(KeyboardInterrupt), new_run(tmp_path / "run", THIS) as folder:
             keep_stage(folder)
             (folder / "model.safetensors").write_text("1")

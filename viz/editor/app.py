@@ -1,7 +1,7 @@
 """The editor in a browser: the state of a trame page, kept in step with a session.
 
-Answers to the page only note what changed; one worker makes pictures of the newest state, so that
-a slider that moves faster than pictures come never waits in a queue.
+Callbacks only note what changed. One worker renders the newest state, so that moves of a slider
+never queue up.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from .sliders import SLIDERS
 from .stage import Setting, first_setting
 
 SETTINGS = ("shape", "repeat", "light_theta", "light_phi", "view_theta", "view_phi")
-# Pictures become smooth once nothing has changed for so long, in seconds.
+# Seconds without a change after which pictures become smooth.
 PAUSE = 0.25
 
 
 def answered(action: Callable[..., None]) -> Callable[..., None]:
-    """An answer to the page: what is wrong is said there, and the pictures follow."""
+    """A callback of the page: an error is shown there, and the pictures are rendered anew."""
 
     @wraps(action)
     def answer(self: EditorApp, *arguments: Any) -> None:
@@ -48,20 +48,18 @@ class EditorApp:
     """One session in one page.
 
     Args:
-        session: what is edited.
-        folder: for pictures of selections, as long as the editor runs.
-        save_name: what the folder to save as is called at first.
+        session: the run that is edited.
+        folder: of the pictures of painted selections, as long as the editor runs.
+        save_name: the proposed name of the folder to save as.
         size: pixels along each side of the pictures.
     """
 
     def __init__(
         self, session: Session, folder: Path, save_name: str = "", size: int = SIZE
     ) -> None:
-        from trame.app import get_server
-
         self.session, self.drawing = session, Drawing(session, folder)
         self.preview = Preview(session.original, first_setting(session.original), size)
-        self.server = get_server(f"spmm_edit_{id(self)}", client_type="vue3")
+        self.server = _new_server(f"spmm_edit_{id(self)}")
         self.state = self.server.state
         self.changed = asyncio.Event()
         self._fill_state(save_name)
@@ -84,56 +82,56 @@ class EditorApp:
 
     @answered
     def undo(self) -> None:
-        """The button."""
+        """Takes back the last edit."""
         self.session.undo()
 
     @answered
     def redo(self) -> None:
-        """The button."""
+        """Makes the last edit again that was taken back."""
         self.session.redo()
 
     @answered
     def reset(self) -> None:
-        """The button."""
+        """Removes all edits."""
         self.session.reset()
 
     @answered
     def add(self) -> None:
-        """The button beside the line for any edit."""
+        """Adds the edit that was typed."""
         self.session.add(self.state.typed)
         self.state.typed = ""
 
     @answered
     def save(self) -> None:
-        """The button."""
+        """Saves the edited run under the name on the page."""
         self.session.save(self.state.save_name)
         self.say(f"saved as {self.state.save_name}")
 
     @answered
     def release(self) -> None:
-        """A slider was let go."""
+        """Ends the move of a slider."""
         self.session.release()
 
     @answered
     def choose_tool(self, tool: str) -> None:
-        """A button of the selection."""
+        """Takes another tool of the selection."""
         self.state.tool = tool
         self.drawing.choose(tool)
 
     @answered
     def press(self, x: float, y: float) -> None:
-        """The pointer went down on the texture."""
+        """Begins a stroke where the pointer went down on the texture."""
         self.drawing.brush = float(self.state.brush)
         self.drawing.press((x, y))
 
     @answered
     def drag(self, x: float, y: float) -> None:
-        """The pointer moves while it is down."""
+        """Continues the stroke."""
         self.drawing.drag((x, y))
 
     @answered
     def drop(self, x: float, y: float) -> None:
-        """The pointer went up."""
+        """Ends the stroke and selects what it drew."""
         self.drawing.drop((x, y))
 
     def show_session(self) -> None:
@@ -150,7 +148,7 @@ class EditorApp:
         return Callbacks(**{each.name: getattr(self, each.name) for each in fields(Callbacks)})
 
     def _fill_state(self, save_name: str) -> None:
-        """Everything that the page names, before it is built."""
+        """Gives every variable of the page its first value."""
         setting = self.preview.setting
         name = self.session.original.name or self.session.run.name
         (light_theta, light_phi), (view_theta, view_phi) = setting.light, setting.view
@@ -177,7 +175,7 @@ class EditorApp:
         self.show_session()
 
     def _connect(self) -> None:
-        """What the page calls, and when."""
+        """Connects the events of the page to their callbacks."""
         self.state.change(*(slider.name for slider in SLIDERS))(self._on_sliders)
         self.state.change(*SETTINGS)(self._on_setting)
         for name in ("press", "drag", "drop"):
@@ -186,11 +184,11 @@ class EditorApp:
 
     def _start_worker(self, **_: Any) -> None:
         self._worker = asyncio.get_running_loop().create_task(self._work())
-        self._worker.add_done_callback(lambda task: task.result())  # a bug is told, not swallowed
+        self._worker.add_done_callback(lambda task: task.result())  # raises what the worker raised
         self.changed.set()
 
     def _on_sliders(self, **_: Any) -> None:
-        """Sliders that do not stand where the session has them were moved by the user."""
+        """Moves each slider of the session to where the user moved it on the page."""
         for name, value in self.session.values.items():
             if self.state[name] != value:
                 self._move(name, float(self.state[name]))
@@ -203,13 +201,13 @@ class EditorApp:
         self.changed.set()
 
     def _setting(self) -> Setting:
-        """Shape, light and view as the page has them."""
+        """Shape, light and view on the page."""
         shape, repeat, *angles = (self.state[name] for name in SETTINGS)
         light_theta, light_phi, view_theta, view_phi = map(float, angles)
         return Setting(shape, float(repeat), (light_theta, light_phi), (view_theta, view_phi))
 
     async def _work(self) -> None:
-        """Makes pictures of the newest state, over and over."""
+        """Renders the newest state, over and over."""
         finished = True
         while True:
             try:
@@ -221,7 +219,7 @@ class EditorApp:
                 finished = await self._show(self._follow)
 
     async def _show(self, pictures: Callable[[], dict[str, str]]) -> bool:
-        """Shows what `pictures` makes, in another thread; whether nothing is left to be done."""
+        """Renders in another thread and shows the pictures; True once nothing is left to do."""
         try:
             images = await asyncio.get_running_loop().run_in_executor(None, pictures)
         except Stopped:
@@ -234,7 +232,7 @@ class EditorApp:
         return pictures == self._finish
 
     def _follow(self) -> dict[str, str]:
-        """The pictures that are not up to date, in time."""
+        """The pictures that changed, as fast as a dragged slider needs them."""
         setting, images = self._setting(), {}
         with full_precision():
             if setting != self.preview.setting:
@@ -244,7 +242,7 @@ class EditorApp:
         return images | {"edited_image": jpeg_uri(codes)}
 
     def _finish(self) -> dict[str, str]:
-        """Both pictures as good as they come; given up as soon as something changes."""
+        """Both pictures, smooth; raises `Stopped` as soon as something changes."""
         model = self.session.model()
         with full_precision():
             codes = self.preview.finish(model, self.changed.is_set)
@@ -252,3 +250,10 @@ class EditorApp:
             "original_image": jpeg_uri(self.preview.original),
             "edited_image": jpeg_uri(codes),
         }
+
+
+def _new_server(name: str) -> Any:
+    """A trame server; `Any`, because trame does not type its state and controller."""
+    from trame.app import get_server
+
+    return get_server(name, client_type="vue3")

@@ -33,10 +33,10 @@ def painted(
     """A mask `[H, W]` with a soft disk painted, or erased.
 
     Args:
-        mask: shares from 0 to 1.
+        mask: selected fraction of each texel, 0 to 1.
         at: middle of the disk.
         radius: in texture widths; the edge fades over a texel.
-        erase: take away instead.
+        erase: remove the disk instead of adding it.
     """
     height, width = mask.shape
     rows, columns = np.mgrid[0:height, 0:width] + 0.5
@@ -46,7 +46,7 @@ def painted(
 
 
 def picture_mask(mask: NDArray[np.float32], folder: Path) -> PictureMask:
-    """The mask of a script; its picture is kept in `folder` under the name of its content."""
+    """A mask for scripts, whose picture is saved in `folder` and named by its hash."""
     codes = np.round(mask * 255.0).astype(np.uint8)
     name = hashlib.sha256(codes.tobytes()).hexdigest()[:12]
     path = folder / f"painted_{name}.png"

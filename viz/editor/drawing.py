@@ -1,4 +1,4 @@
-"""Selecting on the texture: what the tools do between pressing the pointer and letting it go."""
+"""Tools that select on the texture: a stroke from pressing the pointer to releasing it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Drawing:
     """The selection of a session while it is drawn.
 
     Args:
-        session: whose selection it is.
+        session: that owns the selection.
         folder: where pictures of painted selections are kept until they are saved.
 
     Attributes:
@@ -43,18 +43,18 @@ class Drawing:
             self.session.select(None)
 
     def press(self, at: Point) -> None:
-        """The pointer went down."""
+        """Begins a stroke where the pointer went down."""
         model = self.session.original
         self._start = at
         if self.tool == "cluster":
             texel = texel_under(at, model.height, model.width)
             self.session.select(ClusterMask((int(model.labels[texel]),)))
         elif self.tool in ("paint", "erase"):
-            self._paint = self._shares(self.session.mask)
+            self._paint = self._fractions(self.session.mask)
         self.drag(at)
 
     def drag(self, at: Point) -> None:
-        """The pointer moves while it is down."""
+        """Continues the stroke."""
         if self._start is None:
             return
         if self.tool == "rectangle":
@@ -64,7 +64,7 @@ class Drawing:
             self._paint = painted(self._paint, at, self.brush, self.tool == "erase")
 
     def drop(self, at: Point) -> None:
-        """The pointer went up: what was drawn is selected."""
+        """Ends the stroke and selects what it drew."""
         self.drag(at)
         if self._shown is not None:
             self.session.select(self._shown)
@@ -79,10 +79,10 @@ class Drawing:
             return selection_codes(model, torch.from_numpy(self._paint).flatten())
         return selection_codes(model, None if mask is None else mask.select(model).texels)
 
-    def _shares(self, mask: Mask | None) -> NDArray[np.float32]:
-        """The selection as a picture `[H, W]` to paint on; empty where all is selected."""
+    def _fractions(self, mask: Mask | None) -> NDArray[np.float32]:
+        """The selected fractions `[H, W]` to paint on; 0 everywhere without a mask."""
         model = self.session.original
-        if mask is None:
+        texels = None if mask is None else mask.select(model).texels
+        if texels is None:
             return np.zeros((model.height, model.width), dtype=np.float32)
-        texels = mask.select(model).texels
         return texels.view(model.height, model.width).cpu().numpy().astype(np.float32)

@@ -1,7 +1,7 @@
 """Values of lobes at the hits of a picture, kept while edits change other things.
 
-An edit of weights then costs one sparse weighted sum; an edit of lobes evaluates those anew that it
-changed, and no others.
+An edit of weights then costs one sparse weighted sum; an edit of lobes evaluates only the lobes
+that it changed.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from ...lobes.batch import LobeBatch
 from ...lobes.pairs import eval_pairs
 from ...model.spmm import SPMM
 
-# Pairs between two questions whether to stop: some ten milliseconds.
-BLOCK = 1 << 18
+# Pairs evaluated between two checks whether to stop: some ten milliseconds.
+BLOCK_PAIRS = 1 << 18
 
 
 class Stopped(Exception):
-    """An evaluation was given up because its result is not wanted any more."""
+    """An evaluation was stopped because its result is out of date."""
 
 
 def never() -> bool:
-    """Goes on to the end."""
+    """The check of an evaluation that is never stopped."""
     return False
 
 
@@ -35,10 +35,10 @@ class Pairs:
     """Every (hit, entry) pair, hit by hit.
 
     Attributes:
-        offset, index: those of the model that the pairs were made for.
+        offset, index: entries of the model that the pairs were made for.
         start: where the pairs of each of P hits begin, `[P]`.
         hit, entry, lobe: of each pair, `[E]`.
-        share: what each pair counts, `[E]`.
+        texel_weight: weight of each pair's texel in its hit, `[E]`.
     """
 
     offset: Tensor
@@ -47,11 +47,11 @@ class Pairs:
     hit: Tensor
     entry: Tensor
     lobe: Tensor
-    share: Tensor
+    texel_weight: Tensor
 
     @classmethod
-    def build(cls, model: SPMM, texel: Tensor, share: Tensor) -> Pairs:
-        """The pairs of hits on texels `[P, n]` by their shares `[P, n]`."""
+    def build(cls, model: SPMM, texel: Tensor, texel_weight: Tensor) -> Pairs:
+        """The pairs of hits on texels `[P, n]` with weights `[P, n]`."""
         first = model.offset[texel].flatten()
         count = model.offset[texel + 1].flatten() - first
         begin = count.cumsum(0) - count  # [P * n]
@@ -60,79 +60,94 @@ class Pairs:
         hit = torch.div(place, texel.shape[1], rounding_mode="floor")
         start = begin[:: texel.shape[1]]
         lobe = model.index[entry]
-        return cls(model.offset, model.index, start, hit, entry, lobe, share.flatten()[place])
+        weight = texel_weight.flatten()[place]
+        return cls(model.offset, model.index, start, hit, entry, lobe, weight)
 
     def fits(self, model: SPMM) -> bool:
         """Whether a model has the same entries, whatever their weights and lobes."""
         return _same(self.offset, model.offset) and _same(self.index, model.index)
 
 
+@dataclass(frozen=True)
+class Evaluated:
+    """The result of the last evaluation.
+
+    Attributes:
+        pairs: that were evaluated.
+        lobes: the dictionary at that time.
+        rho: value of each pair's lobe, `[E]`.
+    """
+
+    pairs: Pairs
+    lobes: LobeBatch
+    rho: Tensor
+
+    def changed(self, lobes: LobeBatch) -> Tensor:
+        """Whether each pair's lobe is another one in `lobes`, `[E]`; all if their number is."""
+        kept = self.lobes
+        if len(kept) != len(lobes):
+            return torch.ones_like(self.pairs.lobe, dtype=torch.bool)
+        differs = (lobes.model != kept.model).to(lobes.angle.device) | (lobes.angle != kept.angle)
+        differs = differs | (lobes.kappa != kept.kappa).any(1)
+        return (differs | (lobes.normal != kept.normal).any(1))[self.pairs.lobe]
+
+
 class LobeCache:
     """rho_j of all pairs under one light and view.
 
     Args:
-        texel, share: n texels of each of P hits and their weights, `[P, n]`.
+        texel, texel_weight: n texels of each of P hits and their weights, `[P, n]`.
         wi, wo: local directions, `[P, 3]`.
     """
 
-    def __init__(self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> None:
-        self.texel, self.share, self.wi, self.wo = texel, share, wi, wo
-        self._pairs: Pairs | None = None
-        self._lobes: LobeBatch | None = None
-        self._rho: Tensor | None = None
+    def __init__(self, texel: Tensor, texel_weight: Tensor, wi: Tensor, wo: Tensor) -> None:
+        self.texel, self.texel_weight, self.wi, self.wo = texel, texel_weight, wi, wo
+        self._kept: Evaluated | None = None
 
     def stale(self, model: SPMM) -> int:
-        """How many pairs `values` would have to evaluate; all of them count for a new structure."""
-        if self._pairs is None or not self._pairs.fits(model):
+        """The number of pairs that `values` has to evaluate; all if the model's entries changed."""
+        if self._kept is None or not self._kept.pairs.fits(model):
             counts = model.offset[self.texel + 1] - model.offset[self.texel]
             return int(counts.sum())
-        return int(self._changed(model.dictionary).sum())
+        return int(self._kept.changed(model.dictionary).sum())
 
     @torch.no_grad()
     def values(self, model: SPMM, stop: Callable[[], bool] = never) -> Tensor:
         """The sum of each hit's lobes, sum_j alpha_j rho_j [WDR11 Eq. 2]: `[P, C]`.
 
         Raises:
-            Stopped: `stop` said so; what was kept before is kept still.
+            Stopped: `stop` returned True; the cache stays as it was.
         """
-        self._refresh(model, stop)
+        self._kept = self._refreshed(model, stop)
+        pairs = self._kept.pairs
         return functional.embedding_bag(
-            self._pairs.entry,
+            pairs.entry,
             model.weight,
-            self._pairs.start,
+            pairs.start,
             mode="sum",
-            per_sample_weights=self._rho * self._pairs.share,
+            per_sample_weights=self._kept.rho * pairs.texel_weight,
         )
 
-    def _refresh(self, model: SPMM, stop: Callable[[], bool]) -> None:
-        """Evaluates what changed since the last call."""
+    def _refreshed(self, model: SPMM, stop: Callable[[], bool]) -> Evaluated:
+        """The values for a model; only changed lobes are evaluated."""
         lobes = model.dictionary.detach()
-        if self._pairs is None or not self._pairs.fits(model):
-            pairs = Pairs.build(model, self.texel, self.share)
+        if self._kept is None or not self._kept.pairs.fits(model):
+            pairs = Pairs.build(model, self.texel, self.texel_weight)
             where = torch.arange(len(pairs.lobe), device=pairs.lobe.device)
             rho = self.wi.new_zeros(len(where))
         else:
-            pairs, rho = self._pairs, self._rho
-            where = torch.nonzero(self._changed(lobes)).squeeze(-1)
+            pairs, rho = self._kept.pairs, self._kept.rho
+            where = torch.nonzero(self._kept.changed(lobes)).squeeze(-1)
         if len(where):
             rho = rho.index_copy(0, where, self._evaluate(pairs, lobes, where, stop))
-        self._pairs, self._rho, self._lobes = pairs, rho, lobes
-
-    def _changed(self, lobes: LobeBatch) -> Tensor:
-        """Whether each pair's lobe differs from the kept one, `[E]`; always, in number."""
-        kept = self._lobes
-        if len(kept) != len(lobes):
-            return torch.ones_like(self._pairs.lobe, dtype=torch.bool)
-        differs = (lobes.model != kept.model).to(lobes.angle.device) | (lobes.angle != kept.angle)
-        differs = differs | (lobes.kappa != kept.kappa).any(1)
-        return (differs | (lobes.normal != kept.normal).any(1))[self._pairs.lobe]
+        return Evaluated(pairs, lobes, rho)
 
     def _evaluate(
         self, pairs: Pairs, lobes: LobeBatch, where: Tensor, stop: Callable[[], bool]
     ) -> Tensor:
         """rho `[E']` of the pairs at `where [E']`."""
         parts = []
-        for block in where.split(BLOCK):
+        for block in where.split(BLOCK_PAIRS):
             if stop():
                 raise Stopped
             parts.append(eval_pairs(lobes, pairs.lobe[block], pairs.hit[block], self.wi, self.wo))
@@ -140,5 +155,5 @@ class LobeCache:
 
 
 def _same(a: Tensor, b: Tensor) -> bool:
-    """Whether two tensors are equal; those of one storage are without a look."""
+    """Whether two tensors are equal; tensors of one storage need no comparison."""
     return a.shape == b.shape and (a.data_ptr() == b.data_ptr() or torch.equal(a, b))

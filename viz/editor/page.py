@@ -1,4 +1,4 @@
-"""The page of the editor: what stands where, and which callback each control has."""
+"""The page of the editor: its layout, and the callback of each control."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ ANGLES = (
     ("view_theta", "View, polar", 0, 70),
     ("view_phi", "View, azimuth", -180, 180),
 )
+# JavaScript for the place of the pointer, as fractions of width and height.
 POINT = "[$event.offsetX / $event.target.clientWidth, $event.offsetY / $event.target.clientHeight]"
 STYLE = f"""
 html {{ overflow-y: auto; }}
@@ -58,7 +59,7 @@ pre.script {{ white-space: pre-wrap; overflow-wrap: anywhere; margin: 0; font-si
 
 @dataclass(frozen=True)
 class Callbacks:
-    """What the controls of the page call.
+    """The functions that the controls of the page call.
 
     Attributes:
         undo, redo, reset, save, add: the buttons of these names.

@@ -1,7 +1,7 @@
 """The pictures of the editor: original and edited.
 
-There are three stages: coarse, for an edit too heavy to be followed; sharp, with one texel for each
-pixel, which edits are followed in; and smooth, with bilinear texels, once nothing moves.
+There are three stages: coarse, for edits too slow to follow; sharp, with the nearest texel of each
+pixel, while an edit is dragged; and smooth, with bilinear texels, once nothing moves.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .lobe_cache import never
 from .stage import Setting, Stage
 
 SIZE = EditorSettings.size
-# A coarse picture has this fraction of the pixels along each side.
+# Sharp pixels along the side of a coarse one.
 COARSE = 2
-# What is expected to take longer, in seconds, is shown coarse first.
+# Seconds; a picture that is expected to take longer is shown coarse.
 BUDGET = 0.07
-# Smaller numbers of pairs tell nothing about the pace.
-TELLING = 20_000
+# Fewest pairs whose time tells the pace.
+PACE_PAIRS = 20_000
 # Quality of JPEGs: no visible loss, and a fifth of the bytes and time of a PNG.
 QUALITY = 93
 SELECTED: Colour = (0.0, 0.45, 0.70)
@@ -42,18 +42,18 @@ class Preview:
     """Pictures of models under one setting.
 
     Args:
-        original: what is edited.
+        original: the model before edits.
         setting: shape, light and view.
         size: pixels along each side.
     """
 
     def __init__(self, original: SPMM, setting: Setting, size: int = SIZE) -> None:
         self.model, self.size = original, size
-        self._pace = 0.0  # seconds a pair, as last seen
+        self._pace = 0.0  # seconds a pair, as last measured
         self.set(setting)
 
     def set(self, setting: Setting) -> None:
-        """Another shape, light or view; the exposure is that of the original, for both pictures."""
+        """Takes another setting; both pictures get the exposure of the original."""
         self.setting = setting
         self._stages = {"sharp": Stage(self.model, setting, self.size)}
         self._sharp = self._stages["sharp"]
@@ -62,7 +62,7 @@ class Preview:
         self.original, self._is_smooth = self._codes(linear), False
 
     def follow(self, model: SPMM) -> NDArray[np.uint8]:
-        """Codes `[size, size, 3]` of an edited model, in time: sharp, or coarse if need be."""
+        """Codes `[size, size, 3]` of an edited model: sharp, or coarse where that is too slow."""
         work = self._sharp.stale(model)
         if work * self._pace > BUDGET:
             linear = self._stage("coarse").picture(model).movedim(-1, 0)[None]
@@ -71,15 +71,15 @@ class Preview:
             return self._codes(wide[0].movedim(0, -1))
         start = time.perf_counter()
         linear = self._sharp.picture(model)
-        if work > TELLING:
+        if work > PACE_PAIRS:
             self._pace = (time.perf_counter() - start) / work
         return self._codes(linear)
 
     def finish(self, model: SPMM, stop: Callable[[], bool] = never) -> NDArray[np.uint8]:
-        """Codes `[size, size, 3]` of an edited model as good as they come, and `original` so too.
+        """Smooth codes `[size, size, 3]` of an edited model; `original` becomes smooth, too.
 
         Raises:
-            Stopped: `stop` said so.
+            Stopped: `stop` returned True.
         """
         stage = self._stage("smooth")
         if not self._is_smooth:
@@ -95,24 +95,24 @@ class Preview:
         return self._stages[name]
 
     def _codes(self, linear: Tensor) -> NDArray[np.uint8]:
-        """The shape on the page."""
+        """Codes `[S, S, 3]` of a linear picture over the colour of the page."""
         shown = display_codes(linear, self.exposure).astype(np.float32)
-        share = self._sharp.coverage.cpu().numpy()[..., None]
+        coverage = self._sharp.coverage.cpu().numpy()[..., None]
         page = 255.0 * np.array(PAGE, dtype=np.float32)
-        return np.round(shown * share + page * (1.0 - share)).astype(np.uint8)
+        return np.round(shown * coverage + page * (1.0 - coverage)).astype(np.uint8)
 
 
-def selection_codes(model: SPMM, share: Tensor | None) -> NDArray[np.uint8]:
-    """The texture `[H, W, 3]` with what is selected tinted.
+def selection_codes(model: SPMM, fraction: Tensor | None) -> NDArray[np.uint8]:
+    """The texture `[H, W, 3]` with its selection tinted.
 
     Args:
         model: of the texture.
-        share: of each texel, `[T]`; None for the plain texture.
+        fraction: selected, of each texel `[T]`; None for the plain texture.
     """
     codes = slice_codes(model)
-    if share is None:
+    if fraction is None:
         return codes
-    tint = SHADE * share.view(model.height, model.width, 1).cpu().numpy()
+    tint = SHADE * fraction.view(model.height, model.width, 1).cpu().numpy()
     mixed = codes * (1.0 - tint) + 255.0 * np.array(SELECTED) * tint
     return np.round(mixed).astype(np.uint8)
 

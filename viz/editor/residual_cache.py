@@ -12,12 +12,12 @@ class ResidualCache:
     """epsilon_k of all hits under one light and view.
 
     Args:
-        texel, share: n texels of each of P hits and their weights, `[P, n]`.
+        texel, texel_weight: n texels of each of P hits and their weights, `[P, n]`.
         wi, wo: local directions, `[P, 3]`.
     """
 
-    def __init__(self, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> None:
-        self.texel, self.share, self.wi, self.wo = texel, share, wi, wo
+    def __init__(self, texel: Tensor, texel_weight: Tensor, wi: Tensor, wo: Tensor) -> None:
+        self.texel, self.texel_weight, self.wi, self.wo = texel, texel_weight, wi, wo
         self._kept: tuple[tuple[Tensor, ...], Tensor] | None = None
 
     @torch.no_grad()
@@ -26,7 +26,7 @@ class ResidualCache:
         source = (model.residual.code, model.residual.scale, model.labels)
         if self._kept is None or not all(map(_same_storage, self._kept[0], source)):
             cluster = model.labels[self.texel]
-            value = model.residual.blend(cluster, self.share, self.wi, self.wo)
+            value = model.residual.blend(cluster, self.texel_weight, self.wi, self.wo)
             self._kept = source, value
         return self._kept[1]
 

@@ -15,16 +15,16 @@ from ...model.spmm import SPMM
 from ...runs.edited import save_edited_run
 from .sliders import BY_NAME, NEUTRAL, SLIDERS, steps_of
 
-# Models after the first edits of a script that are kept: a slider then costs its own edit only.
+# Kept models of the first edits of a script; a slider then costs its own edit only.
 KEPT_MODELS = 24
 
 
 @dataclass(frozen=True)
 class Layer:
-    """Edits in one place: those of sliders, then those that were typed.
+    """Edits under one mask: those of sliders, then those that were typed.
 
     Attributes:
-        mask: where; None for everywhere.
+        mask: of the edits; None for the whole texture.
         values: of the sliders that are not neutral, by name.
         typed: further steps, which have masks of their own.
     """
@@ -71,7 +71,7 @@ class Session:
         """A session on a run.
 
         Raises:
-            OutputError: it cannot be read.
+            OutputError: the run cannot be read.
         """
         model = SPMM.load(run, device)
         return cls(Path(run), model.requires_grad_(False))
@@ -83,7 +83,7 @@ class Session:
 
     @property
     def values(self) -> dict[str, float]:
-        """Where all sliders stand."""
+        """The value of every slider."""
         return NEUTRAL | dict(self.layers[-1].values)
 
     @property
@@ -165,7 +165,7 @@ class Session:
             self._set((Layer(),))
 
     def model(self) -> SPMM:
-        """The edited model; edits before the one that changed are not done again.
+        """The edited model; edits before the one that changed are not applied again.
 
         Raises:
             SPMMError: an edit cannot be done.
@@ -202,7 +202,7 @@ class Session:
         return True
 
     def _set(self, layers: Layers) -> None:
-        """A change that can be undone."""
+        """Makes a change that can be undone."""
         self._undo.append(self.layers)
         self._redo.clear()
         self.layers = layers

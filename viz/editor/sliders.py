@@ -1,4 +1,4 @@
-"""The sliders of the editor: what each stands for, and the edits that their values make."""
+"""The sliders of the editor, and the edits that their values stand for."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Slider:
 
     Attributes:
         name: its key.
-        title: what stands beside it.
+        title: the text beside it.
         low, high, step: its range.
         neutral: where it changes nothing.
-        unit: after its value.
-        group: the lobes that it needs, if not any.
+        unit: written after its value.
+        group: the lobes that it changes; None for all.
     """
 
     name: str
@@ -59,14 +59,14 @@ def edits_of(values: Mapping[str, float]) -> list[Edit]:
     """The edits that sliders stand for, in a fixed order; those that change nothing are left out.
 
     Args:
-        values: of sliders by name; those that are not there are neutral.
+        values: of sliders by name; missing ones are neutral.
     """
     pairs = zip(_all_edits(NEUTRAL | dict(values)), _all_edits(NEUTRAL), strict=True)
     return [edit for edit, unchanged in pairs if edit != unchanged]
 
 
 def _all_edits(values: Mapping[str, float]) -> tuple[Edit, ...]:
-    """Lobes are changed before weights: sliders that are moved most then cost least."""
+    """All edits: lobes before weights, so that the sliders moved most cost least."""
     return (
         SpreadNormals(values["normals"]),
         RotateTangent(values["tangent"]),

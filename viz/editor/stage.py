@@ -1,8 +1,7 @@
-"""What the editor's picture is taken of: a shape, a camera and a light, traced once.
+"""The scene of the editor's picture: a shape, a camera and a light, traced once.
 
-Each pixel has one hit, in its middle. While an edit is dragged it takes the nearest texel, which
-touches a quarter of the entries that bilinear interpolation does. Edges of the shape are smoothed
-by their coverage.
+Each pixel has one hit, in its middle. While an edit is dragged, a hit takes the nearest texel: a
+quarter of the entries that bilinear interpolation reads. Coverage smooths the edges of the shape.
 """
 
 from __future__ import annotations
@@ -27,17 +26,17 @@ from .lobe_cache import LobeCache, never
 from .residual_cache import ResidualCache
 
 SHAPES = {"sphere": Sphere, "cloth": Drape, "plane": Plane}
-# Texels across a shape at first, and copies of the texture at most.
+# Texels across a shape at first, and most copies of the texture.
 SHOWN_TEXELS, MAX_REPEAT = 130, 8
-# Half of what the camera sees: the shapes with a margin.
+# Half of the width that the camera sees: the shapes with a margin.
 HALF_WIDTH = 1.1
-# Rays along each side of a pixel that find how much of it the shape covers.
+# Rays along each side of a pixel that measure its coverage.
 COVERAGE = 3
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What the user chooses; angles in degrees, theta from the direction of a camera in front.
+    """The shape, light and view that the user chose; angles in degrees, theta from +z.
 
     Raises:
         ConfigError: a value out of its range.
@@ -60,7 +59,7 @@ class Setting:
 
 
 def first_setting(model: SPMM) -> Setting:
-    """A sphere with so many copies of the texture that texels are about as large as pixels."""
+    """A sphere, with copies of the texture that make texels about as large as pixels."""
     return Setting(repeat=float(min(max(1, round(SHOWN_TEXELS / model.width)), MAX_REPEAT)))
 
 
@@ -93,23 +92,23 @@ class Stage:
         self.pixel = met[lit]  # [P]
         middles = torch.isfinite(distance).view(size, size)
         self.coverage = coverage(shape, camera, middles).to(like)
-        texel, share = texel_at(uv[lit], model.height, model.width)  # [P, 4]
+        texel, weight = texel_at(uv[lit], model.height, model.width)  # [P, 4]
         if not smooth:
             texel = nearest_texels(uv[lit], model.height, model.width)[:, None]
-            share = torch.ones_like(share[:, :1])
-        self.lobes = LobeCache(texel, share, wi[lit], wo[lit])
-        self.residual = ResidualCache(texel, share, wi[lit], wo[lit])
+            weight = torch.ones_like(weight[:, :1])
+        self.lobes = LobeCache(texel, weight, wi[lit], wo[lit])
+        self.residual = ResidualCache(texel, weight, wi[lit], wo[lit])
 
     def stale(self, model: SPMM) -> int:
-        """How many lobes a picture of `model` would have to evaluate."""
+        """The number of (hit, lobe) pairs that a picture of `model` has to evaluate."""
         return self.lobes.stale(model)
 
     @torch.no_grad()
     def picture(self, model: SPMM, stop: Callable[[], bool] = never) -> Tensor:
-        """Linear radiance `[size, size, C]` under a light of irradiance 1; black beside.
+        """Linear radiance `[size, size, C]` under irradiance 1; black beside the shape.
 
         Raises:
-            Stopped: `stop` said so.
+            Stopped: `stop` returned True.
         """
         value = (self.lobes.values(model, stop) + self.residual.values(model)).clamp(min=0.0)
         flat = value.new_zeros(self.size**2, value.shape[1])
@@ -124,12 +123,12 @@ def pixel_middles(size: int, like: Tensor) -> Tensor:
 
 
 def coverage(shape: Sphere | Plane | Drape, camera: Camera, met: Tensor) -> Tensor:
-    """The part of each pixel that the shape covers, `[size, size]`.
+    """The fraction of each pixel that the shape covers, `[size, size]`.
 
     Args:
-        shape, camera: what is seen.
-        met: whether the middle of each pixel shows the shape, `[size, size]`. Where it does not,
-            the pixel shows nothing; where those of all neighbours do, it is covered.
+        shape, camera: of the picture.
+        met: whether the middle of each pixel shows the shape, `[size, size]`; the fraction is 0
+            where it does not, and 1 where those of all neighbours do, too.
     """
     size = len(met)
     covered = met.to(camera.axes.dtype)

@@ -1,4 +1,4 @@
-"""`benchmark.html`: one file that holds all it shows and needs no script."""
+"""`benchmark.html`: one self-contained file without scripts."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ CHARTS: dict[str, Callable[[Part], tuple[Chart, ...]]] = {
 
 @dataclass(frozen=True)
 class BenchmarkPage:
-    """What `benchmark.html.j2` shows.
+    """The values of `benchmark.html.j2`.
 
     Attributes:
         name: of the input.
         results: the content of `benchmark.json`.
-        charts: of each part of the results that has some.
+        charts: of each part of the results that has charts.
         groups: heading and note of each group of peers.
-        stages: of the fit, those whose scaling is shown.
+        stages: of the fit whose scaling is shown.
     """
 
     name: str
@@ -47,7 +47,7 @@ def write_page(path: Path, results: Mapping[str, Any]) -> None:
 
     Args:
         path: file to write.
-        results: the content of `benchmark.json`; parts that were not measured are left out.
+        results: the content of `benchmark.json`; missing parts are left out.
     """
     charts = {part: draw(results[part]) for part, draw in CHARTS.items() if part in results}
     name = Path(results["input"]["path"]).stem

@@ -1,4 +1,4 @@
-"""Charts of the section limits: time by stage, and each stage against what the machine can do."""
+"""Charts of the section limits: time of each stage, and its limit over its time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...report.wording import percent, short_seconds
 
 
 def limit_charts(part: Mapping[str, Any]) -> tuple[Chart, ...]:
-    """Bars of the time of each stage, and of how near it comes to its limit."""
+    """Bars of the time of each stage, and of its limit over its time."""
     rows = part["rows"]
     times = [
         Bar(row["stage"].capitalize(), row["seconds"], short_seconds(row["seconds"]))

@@ -1,4 +1,4 @@
-"""Charts of the section peers: other ways to do the same."""
+"""Charts of the section peers: other methods for the same task."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ SIZES = {"texels": "texels", "directions": "direction_pairs"}
 
 
 def scaling_charts(part: Mapping[str, Any]) -> tuple[Chart, ...]:
-    """A plot for each device, number of threads and kind of growth."""
+    """A plot for each device, number of threads, and quantity that varies."""
     return tuple(_chart(growth, part["rows"]) for growth in part["exponents"])
 
 

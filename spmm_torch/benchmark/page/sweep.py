@@ -1,4 +1,4 @@
-"""Charts of the section sweep: time and bytes of our own settings against their SNR."""
+"""Charts of the section sweep: SNR of our own settings against time and bytes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Cost = Callable[[Row], float]
 
 
 def sweep_charts(part: Mapping[str, Any]) -> tuple[Chart, ...]:
-    """Plots of both errors over both costs."""
+    """Plots of both SNRs over both costs."""
     costs: tuple[tuple[str, str, Axis, Cost], ...] = (
         ("Time", "seconds", SECONDS, lambda row: row["seconds"]["median"]),
         ("Bytes", "bytes", BYTES, lambda row: row["bytes"]["total"]),

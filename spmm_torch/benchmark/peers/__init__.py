@@ -1,6 +1,6 @@
-"""Part peers: other ways to do the same, on the same data and the same machine.
+"""Part peers: other methods for the same task, on the same data and the same machine.
 
-A new peer = one module with a `PEER`, and one entry in `PEERS`.
+Another peer is one module with a `PEER`, and one entry in `PEERS`.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ PEERS: tuple[Peer, ...] = tuple(
     )
 )
 EXTRA = "pip install 'spmm_torch[benchmark]'"
-# Texels whose values peers hold as float32 at once; of more, so many are taken.
+# Most texels of a problem, whose values peers hold as float32; of more, a part is taken.
 MOST_TEXELS = 4096
 
 
 def count(scope: Scope) -> int:
-    """How many things are measured."""
+    """The number of measurements."""
     return len(PEERS)
 
 
 def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
-    """Measures every peer whose package is there.
+    """Measures every peer whose package is installed.
 
     Returns:
-        `rows`, each as `problem.row` makes it, with the name of its `peer`; and `skipped`, with
-        `peer` and `reason`.
+        `rows` of `problem.row` with the name of their `peer`; and `skipped`, with `peer` and
+        `reason`.
     """
     problem = build_problem(bench, default)
     rows, skipped = [], []
@@ -68,7 +68,7 @@ def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
 
 
 def build_problem(bench: Bench, default: TimedFit) -> Problem:
-    """The data, decoded, and our own fit of them; of many texels, some and a fit of those."""
+    """The decoded data and our own fit of them; of too many texels, a part and its fit."""
     btf = bench.open()
     if btf.texel_count > MOST_TEXELS:
         bench = bench.with_selection(Selection(texels=MOST_TEXELS))

@@ -1,7 +1,7 @@
 """Local PCA: a mean and a few principal components for each cluster, at the bytes of our model.
 
-The strongest linear method at equal bytes [Mueller, Meseth, Klein 2003]. Few clusters with many
-components and many clusters with few ones share the same bytes; the best split is published.
+The strongest linear method at equal bytes [Mueller, Meseth, Klein 2003]. The bytes allow few
+clusters with many components, or many clusters with few; the best split is published.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ CLUSTERS = (1, 2, 4, 8, 16)
 
 
 def component_count(problem: Problem, clusters: int) -> int:
-    """Components for each of so many clusters that the bytes of our own model allow."""
+    """Components of each cluster that the bytes of our own model allow."""
     texels, width = problem.btf.texel_count, problem.btf.pair_count * problem.btf.channels
     left = problem.byte_budget - texels * label_bytes(clusters)
     left -= HALF_BYTES * clusters * width
@@ -25,7 +25,13 @@ def component_count(problem: Problem, clusters: int) -> int:
 
 
 def local_pca(values: Tensor, labels: Tensor, components: int) -> tuple[Tensor, int]:
-    """Values `[T, D, C]` as stored in float16, and the bytes of that."""
+    """Approximated values `[T, D, C]` by components in float16, and their bytes.
+
+    Args:
+        values: of the BTF, `[T, D, C]`.
+        labels: cluster of each texel, `[T]`.
+        components: of each cluster.
+    """
     fitted = torch.empty_like(values)
     size = len(labels) * label_bytes(int(labels.max()) + 1)
     for cluster in torch.unique(labels).tolist():
@@ -44,7 +50,7 @@ def local_pca(values: Tensor, labels: Tensor, components: int) -> tuple[Tensor, 
 
 
 def run(problem: Problem) -> list[Row]:
-    """The best split of the bytes between clusters and components."""
+    """Measures all splits of the bytes, and keeps the best one."""
     rows = []
     for clusters in CLUSTERS:
         components = component_count(problem, clusters)

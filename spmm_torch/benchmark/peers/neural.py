@@ -1,8 +1,7 @@
-"""A small neural BTF: a latent vector for each texel, and one network that reads it.
+"""A small neural BTF: a latent vector for each texel, and one network that decodes it.
 
-The plain form of the neural textures of the field [Rainer et al. 2019; Kuznetsov et al. 2021],
-without their parallax modules: trained by Adam on squared errors of random values, for a given
-time instead of a given number of steps.
+The plain form of neural textures [Rainer et al. 2019; Kuznetsov et al. 2021], without parallax
+modules: trained by Adam on squared errors of random values, for a given time.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from .problem import HALF_BYTES, WHOLE, Peer, Problem, Row, row, snr_of
 
 LATENT, WIDTH = 12, 48
 BATCH = 1 << 14
-LEARNING_RATE, LEAST_RATE = 8e-3, 1e-2  # the latter is the share left at the end
-EVALUATED = 1 << 18  # values at once, so that memory stays flat
+LEARNING_RATE, LEAST_RATE = 8e-3, 1e-2  # at first, and the fraction of it at the end
+EVALUATED = 1 << 18  # values at once, to bound the memory
 
 
 class NeuralBTF(nn.Module):
@@ -27,10 +26,12 @@ class NeuralBTF(nn.Module):
 
     Args:
         texels: T.
-        features: what the network reads of each direction pair, `[D, F]`.
+        features: inputs of the network for each direction pair, `[D, F]`.
         channels: C.
-        scale: about the size of a value, so that outputs are about 1.
+        scale: typical size of a value, so that outputs of the network are about 1.
     """
+
+    features: Tensor
 
     def __init__(self, texels: int, features: Tensor, channels: int, scale: float) -> None:
         super().__init__()
@@ -51,12 +52,12 @@ class NeuralBTF(nn.Module):
         return self.scale * self.network(read)
 
     def byte_count(self) -> int:
-        """Of all parameters in float16."""
+        """Bytes of all parameters in float16."""
         return HALF_BYTES * sum(part.numel() for part in self.parameters())
 
 
 def direction_features(light: Tensor, view: Tensor) -> Tensor:
-    """What the network reads of each direction pair: light, view and half vector, `[D, 8]`."""
+    """Inputs for each direction pair, `[D, 8]`, of lights `[L, 3]` and views `[V, 3]`."""
     wi, wo = direction_pairs(light, view)
     half = nn.functional.normalize(wi + wo, dim=1)
     aligned = (wi * half).sum(1, keepdim=True)
@@ -90,7 +91,7 @@ def trained(problem: Problem, seconds: float) -> tuple[NeuralBTF, int]:
 
 @torch.no_grad()
 def all_values(model: NeuralBTF, shape: torch.Size) -> Tensor:
-    """What the network says of all values `[T, D, C]`, its parameters in float16."""
+    """All values `[T, D, C]` of the network with its parameters in float16."""
     for part in model.parameters():
         part.copy_(part.half().float())
     texels, pairs, _ = shape
@@ -105,7 +106,7 @@ def all_values(model: NeuralBTF, shape: torch.Size) -> Tensor:
 
 
 def run(problem: Problem) -> list[Row]:
-    """Trained for as long as our own fit takes, and for longer."""
+    """Trains for the time of our own fit, and for multiples of it."""
     rows = []
     for factor in problem.scope.training:
         seconds = factor * problem.ours.seconds_after_load

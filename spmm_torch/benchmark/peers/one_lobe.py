@@ -1,4 +1,4 @@
-"""One lobe a texel (m = 1): what a single analytical BRDF with a tilted normal can do."""
+"""One lobe for each texel (m = 1): a single analytical BRDF with a tilted normal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ONE = "select.max_lobes=1"
 
 
 def run(problem: Problem) -> list[Row]:
-    """Our own fit with one lobe at most, without and with the residual of each cluster."""
+    """Our own fit with at most one lobe, without and with the residual of each cluster."""
     config = on_device(shipped(DEFAULT, (*problem.scope.overrides, ONE)), problem.device)
     report = plain_fit(problem.btf, config).report
     seconds, size = report["seconds"], report["bytes"]

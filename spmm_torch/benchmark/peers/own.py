@@ -1,4 +1,4 @@
-"""Ours, whole and by part: what the peers are measured against."""
+"""Our own method, whole and by part: the measure of the peers."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def _whole(problem: Problem) -> list[Row]:
 def _search(problem: Problem) -> Row:
     config = shipped(DEFAULT, problem.scope.overrides)
     texels = problem.some_texels(problem.scope.search_texels)
-    own = torch.arange(len(texels))  # each a cluster of its own, to tell their lobes apart
+    own = torch.arange(len(texels))  # one cluster for each texel, to tell their lobes apart
 
     fit = FitProblem(problem.btf, UNIFORM, config, Context.build(str(problem.device)))
 
@@ -63,10 +63,10 @@ def _search(problem: Problem) -> Row:
         return find_lobes(fit, Samples(texels, own), generator, lambda _: None)
 
     found, timing = measure(work, problem.protocol, problem.device)
-    share = torch.ones(len(texels), dtype=torch.float64)  # of a texel that got no lobe
-    share[found.cluster] = found.error.double()
+    fraction = torch.ones(len(texels), dtype=torch.float64)  # of the energy left; 1 without lobes
+    fraction[found.cluster] = found.error.double()
     energy = problem.btf.texels(texels).square().sum((1, 2), dtype=torch.float64)
-    snr = snr_db(float(energy.sum()), float((share * energy).sum()))
+    snr = snr_db(float(energy.sum()), float((fraction * energy).sum()))
     lobes = len(found.lobes) / len(texels)
     each = problem.ours.stages["search"] / len(problem.ours.result.info["samples"])
     note = f"few texels do not fill a batch: in the default fit a sample takes {each:.3f} s"

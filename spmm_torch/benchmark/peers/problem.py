@@ -1,4 +1,4 @@
-"""What every peer gets, and what it gives back."""
+"""The problem that every peer gets, and the rows that it returns."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..fits import TimedFit
 from ..protocol import Protocol, Timing
 from ..scope import Scope
 
-# Groups of rows that may be compared: whole models of all texels, searches for lobes on a few
-# texels, and fits of a few texels with lobes that are given.
+# Groups of rows that can be compared: whole models of all texels, searches for lobes on a few
+# texels, and weights of given lobes on a few texels.
 WHOLE, SEARCH, SELECTION = "whole", "search", "selection"
 HALF = torch.float16
 HALF_BYTES = 2
@@ -31,9 +31,9 @@ class Problem:
     """The data, and our own fit of them.
 
     Attributes:
-        btf: the input, decoded.
-        scope: how much to measure.
-        device: of our own fit; peers in PyTorch use it too.
+        btf: the decoded input.
+        scope: of the measurements.
+        device: of our own fit, and of peers in PyTorch.
         ours: the fit with default settings.
     """
 
@@ -44,7 +44,7 @@ class Problem:
 
     @property
     def protocol(self) -> Protocol:
-        """How often to measure."""
+        """The protocol of all timings."""
         return self.scope.protocol
 
     @property
@@ -64,26 +64,26 @@ class Problem:
 
     @cached_property
     def atoms(self) -> Tensor:
-        """The lobes of our own model on all pairs, each of unit norm, `[J, D]`."""
+        """The lobes of our own model on all pairs, each of norm 1, `[J, D]`."""
         with torch.no_grad():
             atoms = self.grid.eval(self.ours.result.model.dictionary.detach().to(self.device))
         return atoms / atoms.norm(dim=1, keepdim=True)
 
     def some_texels(self, count: int) -> Tensor:
-        """Indices of `count` texels, evenly spread."""
+        """Indices `[n]` of `count` texels, evenly spread; of all if they are fewer."""
         count = min(count, self.btf.texel_count)
         return (torch.arange(count) + 0.5).mul(self.btf.texel_count / count).long()
 
 
 @dataclass(frozen=True)
 class Peer:
-    """Another way to do what we do, or a part of it.
+    """Another method for our task, or for a part of it.
 
     Attributes:
         name: short.
         meaning: one sentence.
         run: measures it.
-        package: that it needs and that may be missing, as it is imported; None: none.
+        package: optional package that it imports; None for none.
     """
 
     name: str
@@ -108,12 +108,12 @@ def row(
     Args:
         name: of what was measured.
         group: `WHOLE`, `SEARCH` or `SELECTION`.
-        texels: how many it was measured on.
+        texels: number of measured texels.
         timing: seconds, from decoded values.
         snr: in dB, over these texels.
         size: bytes of the model.
-        lobes: mean number a texel.
-        note: what the reader must know.
+        lobes: mean number of a texel.
+        note: for the reader.
     """
     return {
         "name": name,
@@ -128,13 +128,13 @@ def row(
 
 
 def snr_of(values: Tensor, fitted: Tensor) -> float:
-    """SNR in dB of `fitted` values, shaped as `values`."""
+    """SNR in dB of fitted values of any shape `[...]`, that of `values`."""
     energy = float(values.square().sum(dtype=torch.float64))
     return snr_db(energy, float((values - fitted).square().sum(dtype=torch.float64)))
 
 
 def snr_of_weights(values: Tensor, weights: Tensor, atoms: Tensor) -> float:
-    """SNR in dB of mixtures with dense `weights [n, C, J]` of `atoms [J, D]`."""
+    """SNR in dB for `values [n, D, C]` of mixtures `weights [n, C, J]` of `atoms [J, D]`."""
     return snr_of(values, (weights.to(atoms) @ atoms).transpose(1, 2))
 
 

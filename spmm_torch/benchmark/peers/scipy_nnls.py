@@ -1,8 +1,7 @@
 """Weights of all lobes of the dictionary by a loop of `scipy.optimize.nnls`, texel by texel.
 
-Exact least squares without any sparsity: the least error that the dictionary allows, and the most
-lobes. The atoms are reduced to a triangle beforehand, so that no problem passes over the direction
-pairs.
+Exact least squares without sparsity: the least error that the dictionary allows, and the most
+lobes. A QR decomposition of the atoms comes first, so that no problem reads all direction pairs.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from .problem import SELECTION, Peer, Problem, Row, lobes_of_weights, row, snr_o
 
 
 def run(problem: Problem) -> list[Row]:
-    """Some texels, one channel after another."""
+    """Solves some texels, one channel after another."""
     values = problem.values[problem.some_texels(problem.scope.dictionary_texels)].cpu()
     atoms = problem.atoms.cpu()
 

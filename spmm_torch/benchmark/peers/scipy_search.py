@@ -1,9 +1,8 @@
 """The search of the paper as a loop with SciPy: one texel, one model and one start at a time.
 
-Each new lobe is sought by L-BFGS-B from random starts of every model, on what the lobes before it
-leave, with exact slopes; then all weights are fit anew by NNLS. That is more than the paper's loop
-does (it creeps by eta, channel by channel), so it is a strong form of it; and it runs in a single
-thread of Python, as such a loop does.
+L-BFGS-B fits each lobe to the residual of the lobes before it, from random starts of every model
+and with exact gradients; NNLS then fits all weights again. This is a strong form of the paper's
+loop, which takes steps of eta in one channel at a time. It runs in a single thread.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from .problem import SEARCH, Peer, Problem, Row, row, snr_of
 
 STARTS = 2  # of each model
 ITERATIONS = 40
-# The square inside the disk of all normals.
+# Half of the side of the square inside the disk of all normals.
 SIDE = MAX_DISK_RADIUS / np.sqrt(2.0)
 
 
@@ -32,7 +31,7 @@ class TexelSearch:
     Args:
         problem: with the direction pairs.
         signal: values `[D, C]`.
-        random: source of the starts.
+        random: of the starts.
     """
 
     def __init__(self, problem: Problem, signal: Tensor, random: np.random.Generator) -> None:
@@ -54,7 +53,7 @@ class TexelSearch:
         return fitted
 
     def _best_lobe(self, error: np.ndarray) -> np.ndarray:
-        """Values `[D]` of the lobe that takes away most of an error `[D, C]`."""
+        """Values `[D]` of the lobe that removes most of an error `[D, C]`."""
         trials = [
             self._climb(MODEL_NAMES.index(name), error)
             for name in self.config.models
@@ -75,29 +74,29 @@ class TexelSearch:
             options={"maxiter": ITERATIONS},
         )
         rho, _ = self._lobe(model, found.x)
-        return -found.fun, rho
+        return -float(found.fun), rho
 
     def _lobe(self, model: int, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values `[D]` and slopes `[P, D]`."""
+        """Values `[D]` and Jacobian `[P, D]`."""
         where = torch.from_numpy(place).to(self.grid.light)[None, None]  # [1, 1, P]
         parts = self.grid.jacobian(torch.tensor([[model]]), where)
-        rho, slope = (part.double().cpu().numpy() for part in parts)
-        return rho.reshape(-1), slope.reshape(COORDINATES, -1)
+        rho, jacobian = (part.double().cpu().numpy() for part in parts)
+        return rho.reshape(-1), jacobian.reshape(COORDINATES, -1)
 
     def _loss(self, place: np.ndarray, model: int, error: np.ndarray) -> tuple[float, np.ndarray]:
-        """Minus what a lobe takes away of the squared error, and its slope  # Eq. (5)."""
-        rho, slope = self._lobe(model, place)
+        """Minus the squared error that a lobe removes, and its gradient `[P]` [WDR11 Eq. 5]."""
+        rho, jacobian = self._lobe(model, place)
         energy = rho @ rho
         if energy <= 0.0:  # under the horizon of every pair
             return 0.0, np.zeros(COORDINATES)
         along = np.maximum(rho @ error, 0.0)  # [C]
-        gain = along @ along / energy
-        inner = 2.0 * (slope @ error @ along - gain * (slope @ rho)) / energy
-        return -gain, -inner
+        gain = float(along @ along / energy)
+        gradient = 2.0 * (jacobian @ error @ along - gain * (jacobian @ rho)) / energy
+        return -gain, -gradient
 
 
 def run(problem: Problem) -> list[Row]:
-    """A few texels, one after another."""
+    """Searches a few texels, one after another."""
     texels = problem.some_texels(problem.scope.search_texels)
     values = problem.btf.texels(texels)
 

@@ -15,18 +15,18 @@ from .problem import HALF, HALF_BYTES, WHOLE, Peer, Problem, Row, row, snr_of
 
 
 def codebook_size(problem: Problem) -> int:
-    """How many means in float16 have the bytes of our own model."""
+    """The number of means in float16 that the bytes of our own model allow."""
     width = problem.btf.pair_count * problem.btf.channels
     return max(1, min(problem.byte_budget // (HALF_BYTES * width), problem.btf.texel_count))
 
 
 def label_bytes(clusters: int) -> int:
-    """Of the label of a texel."""
+    """Bytes of the label of a texel."""
     return 1 if clusters <= 256 else 2
 
 
 def clustered(problem: Problem, count: int) -> torch.Tensor:
-    """Labels `[T]` on the CPU, by the same k-means that our own fit uses."""
+    """Labels `[T]` on the CPU, by the k-means of our own fit."""
     generator = torch.Generator().manual_seed(0)
     config = FitConfig()
     fit = FitProblem(problem.btf, UNIFORM, config, Context.build(str(problem.device)))
@@ -35,7 +35,7 @@ def clustered(problem: Problem, count: int) -> torch.Tensor:
 
 
 def run(problem: Problem) -> list[Row]:
-    """As many means as fit into the bytes of our own model."""
+    """Quantizes to as many means as the bytes of our own model allow."""
     count, values = codebook_size(problem), problem.values
 
     @torch.no_grad()
