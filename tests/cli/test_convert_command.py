@@ -6,7 +6,6 @@ import io
 import zipfile
 import zlib
 from collections.abc import Iterator
-from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,10 @@ import pytest
 import torch
 from PIL import Image
 
-from spmm_torch.cli.convert import FORMATS, SCALARS, WriteSettings, format_of
 from spmm_torch.cli.main import main
 from spmm_torch.data import BTF, load_btf
 from spmm_torch.data.codecs import openexr
-from spmm_torch.data.ubo2014.write import DEFAULT_COMPONENTS, write_ubo2014
-from spmm_torch.data.writers import write_npz, write_ubo2003
-from spmm_torch.data.writers.ubo2003 import QUALITY
+from spmm_torch.data.writers import WRITERS, write_npz, writer_of
 from spmm_torch.errors import ConfigError
 from spmm_torch.geometry.directions import ring_directions
 
@@ -99,13 +95,6 @@ def test_a_missing_cosine_is_multiplied_in(tmp_path: Path, hdr: BTF) -> None:
     assert main(["convert", str(source), "-o", str(written), "--cosine", "missing"]) == 0
     cosine = DIRECTIONS[:, 2].repeat(len(DIRECTIONS))[:, None]  # [D, 1], lights fastest
     torch.testing.assert_close(load_btf(written).texels(), hdr.texels() * cosine)
-
-
-def test_defaults_are_those_of_the_writers() -> None:
-    settings = WriteSettings()
-    assert (settings.quality, settings.components) == (QUALITY, DEFAULT_COMPONENTS)
-    assert SCALARS[settings.scalar] == signature(write_ubo2014).parameters["scalar"].default
-    assert not settings.png and signature(write_ubo2003).parameters["format"].default == "jpeg"
 
 
 def test_exr_folder(tmp_path: Path, pictures: Path, hdr: BTF) -> None:
@@ -211,7 +200,7 @@ def test_formats_of_names() -> None:
         "x.y/a": "exr",
         "carpet.v2/": "exr",
     }
-    assert {name: format_of(name) for name in names} == names
-    assert set(names.values()) == set(FORMATS)
+    assert {name: writer_of(name).name for name in names} == names
+    assert set(names.values()) == set(WRITERS)
     with pytest.raises(ConfigError, match="--format"):
-        format_of("carpet.v2")
+        writer_of("carpet.v2")
