@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
         SystemExit: after a help text was printed.
     """
     given = sys.argv[1:] if arguments is None else arguments
-    root = parser()
+    root = parser([word for word in given[:1] if word in COMMANDS])
     if not given:
         root.print_help()
         return BAD_INPUT
@@ -84,8 +85,8 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def parser() -> Parser:
-    """The parser of all commands."""
+def parser(commands: Sequence[str] = tuple(COMMANDS)) -> Parser:
+    """The parser of all commands, with the options of some: others are not imported."""
     result = Parser(
         prog="spmm",
         description="Sparse parametric mixture models of measured BTFs.",
@@ -95,19 +96,20 @@ def parser() -> Parser:
     result.add_argument(
         "-V", "--version", action="version", version=__version__, help="print the version and exit"
     )
-    commands = result.add_subparsers(
+    added_to = result.add_subparsers(
         title="commands", dest="command", metavar="COMMAND", required=True, help="what to do"
     )
     for name, command in COMMANDS.items():
-        module = module_of(name)
-        added = commands.add_parser(
+        added = added_to.add_parser(
             name,
             help=command.meaning,
-            description=inspect.getdoc(module),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         added.set_defaults(parser=added)
-        module.add_options(added)
+        if name in commands:
+            module = module_of(name)
+            added.description = inspect.getdoc(module)
+            module.add_options(added)
     return result
 
 

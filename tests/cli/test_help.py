@@ -19,13 +19,17 @@ CHECKOUT = Path(__file__).parents[2]
 # Python packages that take long to import, or are not everywhere.
 HEAVY = {"torch", "numpy", "scipy", "PIL", "kornia", "skimage", "OpenEXR", "safetensors"}
 HEAVY |= {"tqdm", "pyvista", "vtk", "trame", "trame_vtk", "mitsuba", "sklearn", "shtab"}
+# The options of `spmm convert` are those of its writers, whose modules are imported for them.
+WRITERS_NEED = {"numpy", "PIL"}
 # With a module as the first argument, that module is run; any heavy import ends the process.
 WITHOUT = f"""
 import runpy, sys
 
+heavy = {HEAVY!r} - ({WRITERS_NEED!r} if "convert" in sys.argv else set())
+
 class Refuse:
     def find_spec(name, path=None, target=None):
-        if name.split(".")[0] in {HEAVY!r}:
+        if name.split(".")[0] in heavy:
             raise SystemExit(f"{{name}} is imported")
 
 sys.meta_path.insert(0, Refuse)
