@@ -143,12 +143,13 @@ def positions(index: Tensor) -> Tensor:
 
 
 class Expansion(Protocol):
-    """The expansion of codes to linear values."""
+    """The expansion of codes to linear values.
 
-    @property
-    def elementwise(self) -> bool:
-        """Whether every code element stands for one value."""
-        ...
+    Attributes:
+        elementwise: whether every code element stands for one value.
+    """
+
+    elementwise: ClassVar[bool]
 
     def __call__(self, codes: Tensor) -> Tensor:
         """Linear values `[..., C]` float32 of codes `[..., B]`, on the device of the codes."""
@@ -162,7 +163,7 @@ class Expansion(Protocol):
 class FloatExpansion:
     """The expansion of float16 or float32 codes, which are linear values already."""
 
-    elementwise = True
+    elementwise: ClassVar[bool] = True
 
     def __call__(self, codes: Tensor) -> Tensor:
         """Values `[..., C]` float32 of codes `[..., C]`."""

@@ -25,8 +25,8 @@ EDGE_TOLERANCE = 1e-4
 MAP_SIZE = 128
 # Largest ratio of the length of a step between directions to that of the step on the disk.
 DISK_STRETCH = 2.0
-# Queries that are compared with all cells at once.
-QUERY_BLOCK = 1 << 13
+# Queries, and squares of the map in float64, that are compared with all cells at once.
+QUERY_BLOCK, SQUARE_BLOCK = 1 << 13, 1 << 10
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def _candidates(inverse: Tensor) -> Tensor:
         return torch.full((1, MAP_SIZE * MAP_SIZE), -1)
     step = (torch.arange(MAP_SIZE, dtype=torch.float64) + 0.5) * (2.0 / MAP_SIZE) - 1.0
     disk = torch.cartesian_prod(step, step).flip(1)  # [S, 2], rows of y
-    margin = torch.cat([_margins_near(inverse, part) for part in disk.split(QUERY_BLOCK // 8)])
+    margin = torch.cat([_margins_near(inverse, part) for part in disk.split(SQUARE_BLOCK)])
     most = max(1, int((margin > -torch.inf).sum(dim=1).max()))
     value, cell = margin.topk(most, dim=1)
     return torch.where(value > -torch.inf, cell, -1).T.contiguous()

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -62,7 +63,7 @@ class Header:
 class RgbeExpansion:
     """The expansion by a shared exponent: `mantissa * 2 ** (exponent - 136)`, 0 for exponent 0."""
 
-    elementwise = False
+    elementwise: ClassVar[bool] = False
     # A table, as powers are not exact on every device.
     scale = TableExpansion(torch.from_numpy(SCALES))
 
