@@ -22,8 +22,8 @@ def decode(btf: BTF, progress: Progress, cache: str | None = None) -> None:
         DataError: a picture cannot be decoded, or a value is not valid.
         OutputError: the cache cannot be written.
     """
-    from spmm_torch.runtime.memory import DEFAULT_SHARE, free_memory
+    from spmm_torch.runtime.memory import DEFAULT_FRACTION, free_memory
 
     folder = None if cache is None else Path(cache)
     with progress.stage("load", len(btf.view), "views") as stage:
-        btf.load(stage.to, memory=int(DEFAULT_SHARE * free_memory()), cache=folder)
+        btf.load(stage.to, memory=int(DEFAULT_FRACTION * free_memory()), cache=folder)

@@ -1,4 +1,4 @@
-"""Errors that a user can mend: one family, so that the command line can tell them from bugs."""
+"""Errors that a user can mend, in one family: the command line tells them from bugs by it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 class SPMMError(Exception):
-    """Base of every error caused by input; its text is one sentence that says what to do.
+    """Base of all errors caused by input; its text is one sentence that says what to do.
 
     The command line prints the text and exits with code 2. Bugs raise anything else.
     """
@@ -25,5 +25,5 @@ class OutputError(SPMMError):
 
 
 def alternatives(words: Sequence[str]) -> str:
-    """`A, B or C`, as sentences list what was expected."""
+    """The words as a list in a sentence: `A, B or C`."""
     return " or ".join(filter(None, (", ".join(words[:-1]), words[-1])))

@@ -1,7 +1,7 @@
 """Settings of a fit: frozen dataclasses, read from and written to YAML.
 
-Every field carries its meaning and range; an unknown key is an error that names the nearest
-valid one.
+Every field carries its meaning and range. An unknown key is an error that names the nearest
+valid key.
 """
 
 from __future__ import annotations
@@ -22,58 +22,61 @@ class DataConfig:
     """How the input is read."""
 
     gamma: float = setting(
-        2.2, "display gamma: exponent that makes 8-bit codes linear", low=0.01, high=10.0
+        2.2,
+        "display gamma: exponent that turns 8-bit codes into linear values",
+        low=0.01,
+        high=10.0,
     )
     cosine: str = setting(
         "auto",
-        "cosine of the light in the values: included, missing (then it is multiplied in), or auto "
-        "(as a .btf says of itself, included in all other formats)",
+        "whether values contain the cosine of the light: included, missing (values are then "
+        "multiplied by it), or auto (as a .btf file states; included for all other formats)",
         choices=("auto", "included", "missing"),
     )
     negative: str = setting(
         "refuse",
-        "values below zero, such as noise after dark-frame subtraction: refuse them, clip them to "
-        "zero, or keep them",
+        "treatment of values below zero, such as noise after dark-frame subtraction: refuse the "
+        "BTF, clip them to zero, or keep them",
         choices=("refuse", "clip", "keep"),
     )
     missing: str = setting(
         "refuse",
-        "direction pairs without a picture: refuse the BTF, or mask them, so that they count "
-        "nowhere",
+        "treatment of direction pairs without a picture: refuse the BTF, or mask them (no error "
+        "counts there)",
         choices=("refuse", "mask"),
     )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to fit: left column, top row, width, height; null: all", low=0
     )
     texels: int | None = setting(
-        None, "number of texels to fit, about, spread evenly over the texture; null: all", low=1
+        None, "approximate number of texels to fit, spread over the texture; null: all", low=1
     )
     directions: str | None = setting(
         None,
-        "directions to fit: every K-th ring (2), polar angles in degrees (0,30,60), or indices "
-        "(views=0-8;lights=0,4); null: all",
+        "directions to fit: every K-th ring (2), a list of polar angles in degrees (0,30,60), or "
+        "indices (views=0-8;lights=0,4); null: all",
     )
 
 
 @dataclass(frozen=True)
 class WeightsConfig:
-    """How much an error counts, by texel and direction pair; as much everywhere by default."""
+    """Weights of errors, by texel and direction pair; uniform by default."""
 
     scene: str | None = setting(
-        None, "scene (YAML file) whose pictures tell how much each error counts; null: none"
+        None, "scene (YAML file) whose rendered pictures set the weights of errors; null: none"
     )
     file: str | None = setting(
         None,
-        "weights of errors (NPZ file): pair [views, lights], texel [height, width], or one of "
-        "them; null: none",
+        "weights of errors (NPZ file with arrays pair [views, lights], texel [height, width], or "
+        "both); null: none",
     )
     floor: float = setting(
-        0.05, "fraction of these weights that is spread evenly over all values", low=0.0, high=1.0
+        0.05, "fraction of the weight that is spread evenly over all values", low=0.0, high=1.0
     )
     error: str = setting(
         "l2",
-        "error to minimize: l2 (squared, as in the paper), or cube-root and log (about the squared "
-        "error of compressed values)",
+        "error to minimize: l2 (squared, as in the paper), cube-root or log (approximately the "
+        "squared error of values after that compression)",
         choices=("l2", "cube-root", "log"),
     )
 
@@ -83,15 +86,19 @@ class ClusterConfig:
     """k-means over all texels [WDR11 §4.1]."""
 
     count: int = setting(32, "number of clusters, k", low=1)
-    components: int = setting(32, "principal components in which texels are compared", low=1)
-    iterations: int = setting(100, "most Lloyd iterations", low=1)
+    components: int = setting(
+        32, "number of principal components in which texels are compared", low=1
+    )
+    iterations: int = setting(100, "maximum number of Lloyd iterations", low=1)
 
 
 @dataclass(frozen=True)
 class SampleConfig:
     """Stratified samples of each cluster [WDR11 §4.1]."""
 
-    per_cluster: int = setting(8, "sample texels of a cluster, one from each sub-cluster", low=1)
+    per_cluster: int = setting(
+        8, "number of sample texels of each cluster, one from each sub-cluster", low=1
+    )
 
 
 @dataclass(frozen=True)
@@ -100,59 +107,83 @@ class SearchConfig:
 
     method: str = setting(
         "corrective",
-        "search for lobes: stagewise (the paper's), or corrective (refits all lobes of a sample "
-        "after each new one)",
+        "method of the search for lobes: stagewise (the paper's), or corrective (refits all lobes "
+        "of a sample after each new lobe)",
         choices=("stagewise", "corrective"),
     )
-    models: tuple[str, ...] = setting(PAPER_MODELS, "BRDFs that lobes may use", choices=MODEL_NAMES)
-    max_lobes: int = setting(4, "most lobes of a sample", low=1, high=64)
+    models: tuple[str, ...] = setting(PAPER_MODELS, "BRDF models of the lobes", choices=MODEL_NAMES)
+    max_lobes: int = setting(4, "maximum number of lobes of a sample", low=1, high=64)
     restarts: int | None = setting(
-        None, "starting points of a new lobe; null: as many as fill a batch, 8 at most", low=1
+        None, "starting points of a new lobe; null: as many as fill a batch, at most 8", low=1
     )
     min_width: float = setting(
         0.25,
-        "width of the narrowest lobe, in units of the angle between measured directions; half of "
-        "it where the samples are exact sums of few lobes",
+        "smallest width of a lobe, as a multiple of the angle between neighbouring measured "
+        "directions; halved where samples are exact sums of few lobes",
         low=0.0,
         high=4,
     )
     bank_normals: int | None = setting(
-        None, "normals in the bank of candidate lobes; null: 120 for few samples, else 64", low=1
+        None,
+        "number of normals in the bank of candidate lobes; null: 120 for few samples, else 64",
+        low=1,
     )
     min_gain: float = setting(
-        0.005, "fraction of a sample's remaining error that a new lobe must remove", low=0.0, high=1
+        0.005,
+        "smallest fraction of a sample's remaining error that a new lobe must remove",
+        low=0.0,
+        high=1,
     )
-    refine_steps: int = setting(4, "most Levenberg-Marquardt steps after a new lobe", low=0)
-    final_steps: int = setting(40, "most Levenberg-Marquardt steps after the last lobe", low=0)
+    refine_steps: int = setting(
+        4, "maximum number of Levenberg-Marquardt steps after each new lobe", low=0
+    )
+    final_steps: int = setting(
+        40, "maximum number of Levenberg-Marquardt steps after the last lobe", low=0
+    )
     tolerance: float = setting(
-        0.003, "fraction of a sample's error that another step must remove", low=0.0, high=1.0
+        0.003,
+        "smallest fraction of a sample's error that a Levenberg-Marquardt step must remove",
+        low=0.0,
+        high=1.0,
     )
-    exchanges: int = setting(16, "times that the lobes of a few samples are searched again", low=0)
-    pairs: int = setting(512, "direction pairs on which Eq. 5 is maximized (stagewise)", low=16)
-    adam_steps: int = setting(8, "Adam steps from each starting point (stagewise)", low=0)
-    lbfgs_steps: int = setting(16, "L-BFGS evaluations from each starting point (stagewise)", low=0)
+    exchanges: int = setting(
+        16,
+        "maximum number of rounds that each replace one lobe of a few samples by a better one",
+        low=0,
+    )
+    pairs: int = setting(
+        512, "number of direction pairs on which Eq. 5 is maximized (stagewise only)", low=16
+    )
+    adam_steps: int = setting(8, "Adam steps from each starting point (stagewise only)", low=0)
+    lbfgs_steps: int = setting(
+        16, "L-BFGS evaluations from each starting point (stagewise only)", low=0
+    )
 
 
 @dataclass(frozen=True)
 class StagewiseConfig:
     """Stagewise Lasso [ZY07], relative to the norm of each signal."""
 
-    eta: float = setting(0.05, "step size, relative to the norm of a signal", low=1e-4, high=0.5)
+    eta: float = setting(
+        0.05, "step size eta, relative to the norm of the signal", low=1e-4, high=0.5
+    )
     lambda_min: float = setting(0.05, "regularization lambda at which the path ends", low=0.0)
-    max_steps: int = setting(200, "most forward and backward steps", low=1)
+    max_steps: int = setting(200, "maximum number of forward and backward steps", low=1)
 
 
 @dataclass(frozen=True)
 class DictionaryConfig:
-    """The dictionary made of all lobes found on the samples [WDR11 §4.1]."""
+    """The dictionary of all lobes that were found on the samples [WDR11 §4.1]."""
 
     scope: str = setting(
         "shared",
         "lobes that a texel chooses from: cluster (those of its own cluster, as in the paper), or "
-        "shared (all)",
+        "shared (those of all clusters)",
         choices=("cluster", "shared"),
     )
-    merge: float = setting(0.999, "correlation above which two lobes become one", low=0.0, high=1.0)
+    merge: float = setting(
+        0.999, "correlation above which two lobes are merged into one", low=0.0, high=1.0
+    )
 
 
 @dataclass(frozen=True)
@@ -161,18 +192,23 @@ class SelectConfig:
 
     method: str = setting(
         "corrective",
-        "selection of lobes: stagewise (the paper's), or corrective (refits the weights after each "
-        "new lobe)",
+        "method of the selection of lobes: stagewise (the paper's), or corrective (refits all "
+        "weights of a texel after each new lobe)",
         choices=("stagewise", "corrective"),
     )
-    max_lobes: int | None = setting(None, "most lobes of a texel; null: no limit", low=1)
+    max_lobes: int | None = setting(
+        None, "maximum number of lobes of a texel; null: no limit", low=1
+    )
     min_gain: float = setting(
-        0.005, "fraction of a texel's remaining error that a lobe must remove", low=0.0, high=1.0
+        0.005,
+        "smallest fraction of a texel's remaining error that a new lobe must remove",
+        low=0.0,
+        high=1.0,
     )
     pilot: int | None = setting(
         64,
-        "texels of a large cluster (of more than four times as many) that choose from the whole "
-        "dictionary, while the others choose from the lobes of these; null: all texels",
+        "number of texels of a large cluster (over four times as many) that choose from the whole "
+        "dictionary; all other texels choose from the lobes of these; null: all texels",
         low=1,
     )
 
@@ -183,10 +219,12 @@ class ResidualConfig:
 
     joint: bool = setting(
         True,
-        "whether weights are fit for the errors without and with residual together; false: as in "
-        "the paper",
+        "whether weights minimize the errors without and with the residual together; false: the "
+        "error without it, as in the paper",
     )
-    alternations: int = setting(3, "times that weights and residual are refit in turn", low=1)
+    alternations: int = setting(
+        3, "number of times that weights and residual are refit in turn", low=1
+    )
     precision: str = setting(
         "float16", "number format of the stored residual", choices=("float16", "float32")
     )
@@ -207,7 +245,7 @@ class FitConfig:
     residual: ResidualConfig = field(default_factory=ResidualConfig)
     auto: bool = setting(
         False,
-        "whether models and lobes are left out that do not pay for their bytes on held-out "
+        "whether to leave out models and lobes that are not worth their bytes on held-out "
         "directions",
     )
     seed: int = setting(0, "seed of every random choice", low=0)
@@ -217,7 +255,7 @@ class FitConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> FitConfig:
-        """Settings from nested plain values as YAML gives them; missing keys keep the default.
+        """Settings from nested plain values as YAML gives them; missing keys keep their default.
 
         Raises:
             ConfigError: unknown key, wrong type or value out of range.
@@ -229,12 +267,12 @@ class FitConfig:
         """Settings from a YAML file.
 
         Raises:
-            ConfigError: no such file, no YAML, or not valid settings.
+            ConfigError: no such file, not valid YAML, or not valid settings.
         """
         return cls.from_dict(read_yaml(path))
 
     def to_dict(self) -> dict[str, Any]:
-        """Nested plain values; `from_dict` takes them back."""
+        """The settings as nested plain values, which `from_dict` reads back."""
         return plain(asdict(self))
 
     def to_yaml(self) -> str:
@@ -242,7 +280,7 @@ class FitConfig:
         return yaml.safe_dump(self.to_dict(), sort_keys=False)
 
     def override(self, assignments: list[str]) -> FitConfig:
-        """The settings after assignments like `search.restarts=8`, values in YAML.
+        """A copy of the settings with assignments such as `search.restarts=8`, values in YAML.
 
         Raises:
             ConfigError: no `=`, unknown key, wrong type or value out of range.
@@ -258,7 +296,7 @@ class FitConfig:
         return config
 
     def changed(self, changes: dict[str, Any]) -> FitConfig:
-        """The settings after some of them, such as `search.restarts`, got other plain values.
+        """A copy of the settings with other plain values for keys such as `search.restarts`.
 
         Raises:
             ConfigError: unknown key, wrong type or value out of range.

@@ -1,6 +1,6 @@
-"""Settings of a rendering: how fine it is, and its scene in words.
+"""Settings of a rendering: its sampling, and its scene as text.
 
-They need no torch, so that help texts are quick; `spmm_torch.render` makes scenes of them.
+They need no torch, so that help texts are quick. `spmm_torch.render` builds the scene.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from .schema import check_settings, setting
 
-# A picture of 4096 pixels each way takes some 500 MB.
+# A picture of 4096 x 4096 pixels takes about 500 MB.
 MAX_COUNT = 1 << 12
 SHAPE_NAMES = ("sphere", "plane")
 LIGHT_FORMS = "studio, directional:THETA,PHI[,R,G,B], point:X,Y,Z[,R,G,B], or a file (.exr, .hdr)"
@@ -18,17 +18,17 @@ CAMERA_FORMS = "orthographic[:THETA,PHI] or perspective[:THETA,PHI[,DISTANCE[,FI
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How fine a picture is.
+    """Size and sampling of a picture.
 
     Raises:
         ConfigError: a value out of its range.
     """
 
     size: int = setting(256, "width and height of a picture in pixels", low=1, high=MAX_COUNT)
-    samples: int = setting(4, "eye rays of a pixel", low=1, high=MAX_COUNT)
+    samples: int = setting(4, "eye rays through each pixel", low=1, high=MAX_COUNT)
     light_samples: int = setting(
         4,
-        "directions that an eye ray draws from each environment, and as many from the material",
+        "directions that each eye ray samples from each environment, and as many from the material",
         low=1,
         high=MAX_COUNT,
     )
@@ -40,7 +40,7 @@ class RenderSettings:
 
 @dataclass(frozen=True)
 class SceneConfig(RenderSettings):
-    """What is rendered, and how finely; angles in degrees, THETA from +z.
+    """Scene, size and sampling of a picture; angles in degrees, THETA from +z.
 
     Raises:
         ConfigError: a value out of its range.
@@ -55,5 +55,5 @@ class SceneConfig(RenderSettings):
 
     @property
     def settings(self) -> RenderSettings:
-        """How fine its pictures are."""
+        """Size and sampling of the pictures, without the scene."""
         return RenderSettings(self.size, self.samples, self.light_samples, self.seed)

@@ -15,7 +15,7 @@ import yaml
 
 from ..errors import ConfigError
 
-REQUIRED = MISSING  # as the default of a setting: it has none
+REQUIRED = MISSING  # default of a setting that must be given
 
 
 def setting(
@@ -34,10 +34,10 @@ def setting(
 
 
 def load_yaml(path: Path | str) -> Any:
-    """Whatever a YAML file holds.
+    """The content of a YAML file.
 
     Raises:
-        ConfigError: no such file, or no YAML.
+        ConfigError: no such file, or not valid YAML.
     """
     try:
         return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -52,7 +52,7 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     """The mapping in a YAML file.
 
     Raises:
-        ConfigError: no such file, no YAML, or no mapping.
+        ConfigError: no such file, not valid YAML, or not a mapping.
     """
     values = load_yaml(path)
     if values is None:
@@ -66,6 +66,11 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
 
 
 def parse_value(text: str, assignment: str) -> Any:
+    """The value of a `--set` assignment, given as YAML text.
+
+    Raises:
+        ConfigError: not valid YAML.
+    """
     try:
         return yaml.safe_load(text)
     except yaml.YAMLError as error:
@@ -73,7 +78,11 @@ def parse_value(text: str, assignment: str) -> Any:
 
 
 def assign(values: dict[str, Any], path: list[str], value: Any) -> None:
-    """Writes a nested key; the unknown ones are left for `from_dict` to name."""
+    """Sets the key at `path` in nested mappings; `from_dict` refuses it where it is unknown.
+
+    Raises:
+        ConfigError: the path goes through a value that is not a section.
+    """
     for name in path[:-1]:
         inner = values.setdefault(name, {})
         if not isinstance(inner, dict):
@@ -87,7 +96,7 @@ def _names(cls: type) -> list[str]:
 
 
 def from_dict(cls: type, values: Any, where: str = "") -> Any:
-    """A settings dataclass from a nested mapping; `where` is its place, ending in a dot.
+    """A settings dataclass from a nested mapping; `where` is the prefix of its keys in messages.
 
     Raises:
         ConfigError: unknown key, wrong type or value out of range.
@@ -121,7 +130,7 @@ def _unknown(cls: type, key: str, where: str) -> str:
 
 
 def check_settings(settings: Any) -> None:
-    """Checks a settings dataclass without sections; for its `__post_init__`.
+    """Checks every value of a settings dataclass without sections; for its `__post_init__`.
 
     Raises:
         ConfigError: a value of the wrong type or out of its range.
@@ -132,7 +141,7 @@ def check_settings(settings: Any) -> None:
 
 
 def checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: str) -> Any:
-    """The value in its declared type and range; `where` is what messages call it.
+    """The value, converted to its declared type; `where` names the setting in messages.
 
     Raises:
         ConfigError: wrong type or value out of range.
@@ -160,7 +169,7 @@ def checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: st
 
 
 def allowed(metadata: typing.Mapping[str, Any]) -> str:
-    """The choices or the range of a setting in words; empty where anything of its type will do."""
+    """The choices or the range of a setting in words; empty if every value of its type is valid."""
     choices, low, high = metadata.get("choices"), metadata.get("low"), metadata.get("high")
     if choices:
         return f"one of {', '.join(map(str, choices))}"
@@ -182,7 +191,7 @@ def _typed(value: Any, kind: type, where: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Tuples as lists, all through."""
+    """A nested value with lists in place of tuples."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -194,10 +203,10 @@ class Description(NamedTuple):
     """A setting as a help text shows it.
 
     Attributes:
-        key: with the sections that it lies in, such as `search.restarts`.
-        default: `REQUIRED` where there is none.
-        meaning: in words.
-        allowed: its choices or range in words; empty where anything of its type will do.
+        key: name with the sections around it, such as `search.restarts`.
+        default: value if none is given; `REQUIRED` if one must be given.
+        meaning: help text.
+        allowed: choices or range in words; empty if every value of the type is valid.
     """
 
     key: str
@@ -207,7 +216,7 @@ class Description(NamedTuple):
 
 
 def describe(cls: type, prefix: str = "") -> list[Description]:
-    """Every setting of a settings dataclass, those of its sections included."""
+    """All settings of a settings dataclass, including those of its sections."""
     rows: list[Description] = []
     hints = typing.get_type_hints(cls)
     for item in fields(cls):

@@ -1,7 +1,6 @@
 """BTF data: one lazy texel-major `BTF`, its readers and its writers.
 
-Names are imported when they are first asked for, so that options and formats may be listed
-without importing torch.
+Names are imported at first use, so that options and formats can be listed without torch.
 """
 
 from __future__ import annotations

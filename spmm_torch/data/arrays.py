@@ -1,4 +1,4 @@
-"""Arrays of values `[V, L, H, W, 3]`, in memory or in a file, as a BTF opens them."""
+"""Arrays of values `[V, L, H, W, 3]`, in memory or in a file, as the source of a BTF."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .transpose import Place, ViewSource, open_store
 
 @dataclass(frozen=True)
 class ArrayHeader:
-    """What the first bytes of an .npy tell."""
+    """Shape, order and type of an array, from the header of an .npy file."""
 
     shape: tuple[int, ...]
     fortran_order: bool
@@ -28,7 +28,12 @@ class ArrayHeader:
 
 
 def opener_in_memory(array: np.ndarray, where: str) -> Callable[[Part, Loading], Store]:
-    """How a BTF opens an array `[V, L, H, W, 3]` in memory."""
+    """The function by which a BTF opens an array `[V, L, H, W, 3]` in memory.
+
+    Args:
+        array: linear cosine-weighted values.
+        where: name of the array in errors.
+    """
 
     def views(chosen: Sequence[int]) -> Iterator[np.ndarray]:
         return (np.ascontiguousarray(array[view]) for view in chosen)
@@ -45,13 +50,13 @@ def array_opener(
     views: Callable[[Sequence[int]], Iterator[np.ndarray]],
     content: Callable[[], object],
 ) -> Callable[[Part, Loading], Store]:
-    """How a BTF opens an array whose pictures `[L, H, W, 3]` of ascending views `views` gives.
+    """The function by which a BTF opens an array `[V, L, H, W, 3]` that is read view by view.
 
     Args:
-        header: shape, order and type of the array `[V, L, H, W, 3]`.
-        where: the array in words, for errors.
-        views: the pictures of some views, in ascending order.
-        content: something that equals for equal values only, to know decoded ones again by.
+        header: shape, order and type of the array.
+        where: name of the array in errors.
+        views: function that gives the pictures `[L, H, W, 3]` of each of some ascending views.
+        content: function that gives a fingerprint of the values, for the key in the cache.
     """
     view_count, all_lights, height, width, _ = header.shape
 
@@ -64,10 +69,10 @@ def array_opener(
         native = header.dtype.newbyteorder("=")
 
         def decode(wanted: Sequence[int], place: Place) -> None:
-            order = sorted(wanted, key=lambda place_of: chosen[place_of])
+            order = sorted(wanted, key=lambda index: chosen[index])
             for target, pictures in zip(order, views([chosen[i] for i in order]), strict=True):
                 flat = pictures.reshape(len(pictures), height * width, 3)
-                # Of an array in memory that is read-only, a copy: torch asks for one to write to.
+                # A read-only array is copied, as torch wants writable memory.
                 place(target, np.require(flat[lights][:, texels], native, ("C", "W")))
 
         def key() -> str:
@@ -91,7 +96,12 @@ def check_layout(
     light: Tensor | np.ndarray,
     where: str,
 ) -> tuple[Tensor, Tensor]:
-    """The checked directions `(view [V, 3], light [L, 3])` of values of a given shape.
+    """Checks the layout of values and their directions; gives `(view [V, 3], light [L, 3])`.
+
+    Args:
+        shape, dtype: shape and type of the values; expected `[V, L, H, W, 3]` float16 or float32.
+        view, light: unit vectors `[V, 3]` and `[L, 3]`.
+        where: name of the source in errors.
 
     Raises:
         DataError: the shape or type of the values is wrong, or a direction is not valid.
@@ -120,16 +130,16 @@ def check_layout(
 
 
 def numpy_values(values: np.ndarray | Tensor, where: str) -> np.ndarray:
-    """The values of an array or tensor `[V, L, H, W, 3]` as NumPy has them, not copied.
+    """Values `[V, L, H, W, 3]` as a NumPy array, without a copy where they are on the CPU.
 
     Raises:
-        DataError: a type that NumPy does not have.
+        DataError: NumPy has no such type.
     """
     if not isinstance(values, Tensor):
         return values
     if values.dtype == torch.bfloat16:  # NumPy has no such type
         raise DataError(
-            f"'values' of {where} has type bfloat16, 8 bits of which would be all that errors are "
-            f"judged by; expected float16 or float32; measure or convert it in one of these."
+            f"'values' of {where} has type bfloat16, whose 8 bits are too few to measure errors "
+            f"by; expected float16 or float32; measure or convert it in one of these."
         )
     return values.detach().cpu().numpy()

@@ -1,4 +1,4 @@
-"""`BTF`: what every reader returns. Lazy, and texel-major once decoded."""
+"""The `BTF` that every reader returns: lazy, and texel-major once decoded."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chu
 
 # Fraction of all values that the peak of an HDR BTF does not exceed.
 PEAK_FRACTION = 0.999
-# Values that are expanded at once where all texels are passed over: 64 MB of float32.
+# Values of a chunk where all texels are passed over: 64 MB of float32.
 CHUNK_VALUES = 1 << 24
 
 
@@ -28,22 +28,23 @@ CHUNK_VALUES = 1 << 24
 class BTF:
     """Linear, cosine-weighted reflectance of T = H x W texels under D = V x L direction pairs.
 
-    Making one only reads names and headers; pictures are decoded at the first `texels`, or by
-    `load`. Values then stay at the source's own bit depth: 1 byte a value for 8-bit pictures.
+    A new BTF has read only names and headers. Pictures are decoded by `load`, or by the first call
+    of `texels`. Values are then kept at the bit depth of the source, such as 1 byte a value.
 
     Args:
         name: short name of the material.
-        path: where it was read from, as given; empty if made in memory.
-        height, width: of the pictures; texel t = row * width + column, row 0 at the top.
+        path: path of the source as given; empty for values in memory.
+        height, width: size of the pictures; texel t = row * width + column, row 0 at the top.
         view, light: unit vectors `[V, 3]`, `[L, 3]` float32, pointing away from the surface.
-        bytes_per_value: of the source: 1 (8 bit), 4/3 (RGBE), 2 (float16) or 4 (float32).
-        open_store: decodes a part of it; called once.
-        hdr: whether values may exceed 1; None if only the decoded values can tell.
-        part: what of the source this is.
-        streamed: whether values are computed anew whenever they are asked for, and never kept.
-        cosine_missing: whether values are to be multiplied by the cosine of the light.
-        negative: of values below zero: "refuse", "clip" to zero, or "keep" them.
-        missing: which pairs have no values but zeros, `[V, L]` bool; None if all have some.
+        bytes_per_value: bytes of a value in the source: 1 (8 bit), 4/3 (RGBE), 2 or 4 (float).
+        open_store: function that decodes a part of the source; called once.
+        hdr: whether values may exceed 1; None if only the decoded values tell.
+        channels: number of channels, C.
+        part: part of the source that this BTF holds.
+        streamed: whether values are computed at every access and never kept.
+        cosine_missing: whether values are yet to be multiplied by the cosine of the light.
+        negative: treatment of values below zero: "refuse", "clip" to zero, or "keep".
+        missing: direction pairs without values (zeros stand for them), `[V, L]` bool; None: none.
     """
 
     name: str
@@ -76,12 +77,18 @@ class BTF:
     ) -> BTF:
         """A BTF of linear cosine-weighted `values [V, L, H, W, 3]`, float16 or float32.
 
-        HDR if a value exceeds 1, as for NPZ files; `negative` is that of `ReadOptions`.
+        The BTF is HDR if a value exceeds 1.
+
+        Args:
+            values: linear cosine-weighted values.
+            view, light: unit vectors `[V, 3]`, `[L, 3]`, pointing away from the surface.
+            name: short name of the material.
+            negative: treatment of values below zero, as in `ReadOptions`.
 
         Raises:
-            DataError: whatever the NPZ reader would refuse.
+            ConfigError: `negative` is not known.
+            DataError: a shape or type is wrong, or a value or direction is not valid.
         """
-        # The NPZ reader owns the rules of this layout and needs BTF itself.
         where = f"the array of BTF {name!r}"
         array = numpy_values(values, where)
         view, light = check_layout(array.shape, array.dtype, view, light, where)
@@ -98,11 +105,15 @@ class BTF:
         views: Tensor | None = None,
         lights: Tensor | None = None,
     ) -> BTF:
-        """A part of this BTF that decodes, and keeps, no more than that part.
+        """A part of this BTF, which decodes and keeps no more than that part.
 
         Args:
-            texels: indices of the texels that make a picture of `size` (height, width).
-            views, lights: indices of the directions that stay, in their new order.
+            texels: indices `[T']` of the texels that form a picture of `size`; None: all.
+            size: (height, width) of that picture.
+            views, lights: indices `[V']`, `[L']` of the directions in their new order; None: all.
+
+        Raises:
+            DataError: all pairs of the directions are missing.
         """
         height, width = size or (self.height, self.width)
         return replace(
@@ -121,17 +132,17 @@ class BTF:
 
     @property
     def texel_count(self) -> int:
-        """T, the number of texels."""
+        """The number of texels, T."""
         return self.height * self.width
 
     @property
     def pair_count(self) -> int:
-        """D, the number of direction pairs."""
+        """The number of direction pairs, D."""
         return len(self.view) * len(self.light)
 
     @property
     def measured(self) -> Tensor | None:
-        """Which direction pairs have values, `[D]` bool; None if all have."""
+        """Whether each direction pair has values, `[D]` bool; None if all have."""
         return None if self.missing is None else ~self.missing.flatten()
 
     @property
@@ -141,17 +152,17 @@ class BTF:
 
     @property
     def raw_bytes(self) -> int:
-        """Size of all values at the source's own bit depth, uncompressed."""
+        """Bytes of all values at the bit depth of the source, uncompressed."""
         values = self.texel_count * self.measured_count * self.channels
         return round(values * self.bytes_per_value)
 
     @property
     def is_hdr(self) -> bool:
-        """Whether values may exceed 1; decodes where the header does not tell (NPZ)."""
+        """Whether values may exceed 1; decodes them where the header does not tell."""
         return self._loaded().is_hdr if self.hdr is None else self.hdr
 
     def pairs(self) -> tuple[Tensor, Tensor]:
-        """Light and view `(wi [D, 3], wo [D, 3])` of each direction pair d = view * L + light."""
+        """Directions `(wi [D, 3], wo [D, 3])` of the direction pairs d = view * L + light."""
         return direction_pairs(self.light, self.view)
 
     def load(
@@ -161,14 +172,14 @@ class BTF:
         memory: int | None = None,
         cache: Path | None = None,
     ) -> BTF:
-        """Decode now, if not yet done.
+        """Decodes the values unless this has been done; returns the BTF itself.
 
         Args:
-            progress: told (views done, views in all) after each view.
-            memory: bytes that decoded values may take; what needs more is kept on disk. None: any
-                number.
-            cache: folder for decoded values, reused by later runs; None: the user's own cache
-                folder, and only for what exceeds `memory`.
+            progress: called with (views done, number of views) after each view.
+            memory: bytes that decoded values may take; a BTF that needs more is kept on disk.
+                None: any number.
+            cache: folder for decoded values, which later runs reuse; None: the user's cache
+                folder, and only for a BTF that exceeds `memory`.
 
         Raises:
             DataError: a picture cannot be decoded, or a value is not valid.
@@ -185,17 +196,29 @@ class BTF:
     def texels(
         self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
     ) -> Tensor:
-        """Values `[n, D, C]` float32 of the given texels, of all without an index.
+        """Values `[n, D, C]` float32 of some texels, on a device; not to be written to.
 
-        Any order, repeats and boolean masks are allowed. Read-only: the result of a BTF that
-        keeps float32 may share its memory. 8-bit codes are expanded on `device` itself.
+        The result may share the memory of the BTF.
+
+        Args:
+            index: indices `[n]` in any order, also repeated, a mask `[T]` bool, or a slice; None:
+                all texels.
+            device: device of the result, on which 8-bit codes are expanded.
+
+        Raises:
+            DataError: a picture cannot be decoded, or a value is not valid.
+            OutputError: the decoded values cannot be read or written on disk.
         """
         return self._loaded().texels(index, device)
 
     def signals(
         self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
     ) -> Tensor:
-        """The values of `texels`, channels first: `[n, C, D]`, contiguous."""
+        """The values of `texels` with channels first, `[n, C, D]`, contiguous.
+
+        Raises:
+            DataError, OutputError: as for `texels`.
+        """
         return self._loaded().signals(index, device)
 
     def picture(self, view: int, light: int) -> Tensor:
@@ -212,7 +235,7 @@ class BTF:
         return values.unflatten(0, (self.height, self.width)).permute(2, 0, 1, 3)
 
     def peak(self) -> float:
-        """Reference of the PSNR: 1.0 for LDR, the exact 99.9th percentile of values for HDR."""
+        """The peak of the PSNR: 1.0 for LDR, the exact 99.9th percentile of values for HDR."""
         if not self.is_hdr:
             return 1.0
         if self._peak is None:
@@ -223,7 +246,7 @@ class BTF:
         return self._peak
 
     def _measured_chunks(self, size: int) -> Iterator[Tensor]:
-        """All values but those of missing pairs, `size` texels at a time."""
+        """Values `[n, D', C]` of the measured pairs, `size` texels at a time."""
         measured = self.measured
         for chunk in float_chunks(self._loaded(), self.texel_count, size):
             yield chunk if measured is None else chunk[:, measured]
@@ -236,7 +259,7 @@ class BTF:
 def _kept_gaps(
     missing: Tensor | None, views: Tensor | None, lights: Tensor | None
 ) -> Tensor | None:
-    """The missing pairs of the directions that stay; None if there are none."""
+    """The missing pairs `[V', L']` of the directions that stay; None if there are none."""
     if missing is None:
         return None
     kept = missing if views is None else missing[views]
@@ -250,7 +273,7 @@ def _kept_gaps(
 
 
 def _chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:
-    """Indices into the source of those that are chosen from the ones that were chosen before."""
+    """Indices into the source of an index into `before`, a choice from the source; None: all."""
     if before is None or index is None:
         return before if index is None else index
     return before[index]

@@ -1,8 +1,8 @@
-"""The cache: decoded BTFs on disk, texel-major, under the hash of what they were decoded from.
+"""The cache: decoded BTFs on disk, texel-major, named by a hash of their source.
 
-An entry is `KEY.npy`, `[T, D, B]` in the source's own bits, with `KEY.json` beside it. While it is
-made it is called `KEY.npy.part`; `KEY.json` then tells how many views are done, so that work goes
-on there after a kill. Processes that want the same entry wait for the one that makes it.
+An entry is `KEY.npy`, codes `[T, D, B]` as in the source, with `KEY.json` beside it. An unfinished
+entry is called `KEY.npy.part`, and `KEY.json` counts its views, from which a killed run resumes.
+Processes that want the same entry wait for the one that makes it.
 """
 
 from __future__ import annotations
@@ -26,28 +26,29 @@ from ..errors import OutputError
 from ..runtime.atomic import write_atomic
 from ..runtime.memory import slices
 
-# Part of every key: entries of another layout are never found.
+# Part of every key, so that entries of another layout are never found.
 LAYOUT_VERSION = 1
-# Texels that are written at once: a few hundred MB of mapped pages at most.
+# Texels that are written at once: at most a few hundred MB of mapped pages.
 WRITTEN_TEXELS = 1 << 12
-# Of the files of an entry; whoever holds the last one may touch the others.
+# Suffixes of the files of an entry; the holder of the last one, the lock, may touch the others.
 SUFFIXES = (".npy", ".npy.part", ".json", ".lock")
 KEY_BYTES = 20
 ENTRY_FILE = re.compile(rf"([0-9a-f]{{{2 * KEY_BYTES}}})({'|'.join(map(re.escape, SUFFIXES))})")
-# A file of an entry under the name that it has until it is whole: left behind by a kill only.
+# Temporary name of a file of an entry; only a killed process leaves one behind.
 UNFINISHED_FILE = re.compile(rf"\.{ENTRY_FILE.pattern}\.\d+\.tmp")
+# Bytes that are hashed at once.
 HASH_BLOCK = 1 << 22
-# What `st_blocks` counts.
-BLOCK_BYTES = 512
+# Bytes of a block that `st_blocks` counts.
+DISK_BLOCK = 512
 
 
 def default_folder() -> Path:
-    """The user's own cache folder for this program."""
+    """The folder of this program in the user's cache."""
     return user_cache_path("spmm_torch")
 
 
 def entry_key(parts: Iterable[object]) -> str:
-    """The hash of everything that the codes of an entry depend on."""
+    """The hash of all that the codes of an entry depend on, in hexadecimal."""
     digest = hashlib.blake2b(digest_size=KEY_BYTES)
     for part in (LAYOUT_VERSION, *parts):
         digest.update(repr(part).encode() + b"\0")
@@ -55,7 +56,7 @@ def entry_key(parts: Iterable[object]) -> str:
 
 
 def file_hash(path: Path) -> str:
-    """The hash of a file's content.
+    """The hash of the content of a file, in hexadecimal.
 
     Raises:
         OSError: the file cannot be read.
@@ -68,7 +69,7 @@ def file_hash(path: Path) -> str:
 
 
 def entries(folder: Path | None = None) -> list[tuple[int, str, str]]:
-    """(bytes on disk, what it was decoded from, "whole" or "unfinished") of every entry."""
+    """The (bytes on disk, source, "whole" or "unfinished") of every entry."""
     rows = []
     for path in sorted((folder or default_folder()).glob("*.npy*")):
         match = ENTRY_FILE.fullmatch(path.name)
@@ -80,12 +81,12 @@ def entries(folder: Path | None = None) -> list[tuple[int, str, str]]:
         except (OSError, ValueError, TypeError, KeyError):
             source = "not known"
         state = "unfinished" if path.suffix == ".part" else "whole"
-        rows.append((path.stat().st_blocks * BLOCK_BYTES, source, state))
+        rows.append((path.stat().st_blocks * DISK_BLOCK, source, state))
     return rows
 
 
 def clear(folder: Path | None = None) -> tuple[int, int]:
-    """Removes all entries but those that are being made; returns (number of files, bytes freed).
+    """Removes all entries that no process holds; returns (number of files, bytes freed).
 
     Raises:
         OutputError: an entry cannot be removed.
@@ -100,7 +101,7 @@ def clear(folder: Path | None = None) -> tuple[int, int]:
                     *(folder / f"{key}{s}" for s in SUFFIXES),
                 ):
                     if path.exists():
-                        freed += path.stat().st_blocks * BLOCK_BYTES  # of reserved ones, too
+                        freed += path.stat().st_blocks * DISK_BLOCK  # reserved space included
                         path.unlink()
                         count += 1
     except OSError as error:
@@ -111,7 +112,7 @@ def clear(folder: Path | None = None) -> tuple[int, int]:
 
 
 def _keys(folder: Path) -> list[str]:
-    """The entries of a folder, which may hold other files as well."""
+    """The keys of the entries in a folder, which may hold other files as well."""
     names = [path.name for path in folder.iterdir()]
     found = [kind.fullmatch(name) for kind in (ENTRY_FILE, UNFINISHED_FILE) for name in names]
     return sorted({match[1] for match in found if match})
@@ -122,12 +123,12 @@ class CacheEntry:
     """One entry, held by this process alone; made by `CacheEntry.open`.
 
     Attributes:
-        folder, key: where it lies.
-        where: what it was decoded from, for messages.
-        shape, dtype: of its codes, (T, D, B).
-        views_done: how many views are in it.
-        highest: the highest value so far.
-        complete: whether it can be read.
+        folder, key: folder and name of its files.
+        where: name of the source in messages.
+        shape, dtype: shape (T, D, B) and type of its codes.
+        views_done: number of views that it holds.
+        highest: highest value so far.
+        complete: whether it holds all views.
     """
 
     folder: Path
@@ -144,7 +145,7 @@ class CacheEntry:
     def open(
         cls, folder: Path | None, key: str, where: str, shape: tuple[int, ...], dtype: np.dtype
     ) -> Iterator[CacheEntry]:
-        """The entry of a key, as far as it was made; waits while another process makes it.
+        """The entry of a key, as far as it is done; waits while another process holds it.
 
         Raises:
             OutputError: the cache cannot be written.
@@ -159,7 +160,7 @@ class CacheEntry:
 
     @contextmanager
     def _output_errors(self) -> Iterator[None]:
-        """Around what touches the cache, and not around what a caller does meanwhile."""
+        """Turns errors of the system into an OutputError; for access to the cache only."""
         try:
             yield
         except OSError as error:
@@ -170,7 +171,7 @@ class CacheEntry:
 
     @property
     def path(self) -> Path:
-        """The finished codes."""
+        """The file of the finished codes."""
         return self.folder / f"{self.key}.npy"
 
     @property
@@ -182,14 +183,19 @@ class CacheEntry:
         return self.folder / f"{self.key}.json"
 
     def _find(self) -> None:
-        """Looks what is there; what is damaged counts as not there."""
+        """Finds out what earlier processes have done; damaged files count as missing."""
         complete = self._is_whole(self.path)
         if not (complete or self._is_whole(self._part)):
             return
         try:
             facts = json.loads(self._facts.read_text(encoding="utf-8"))
             self.views_done, self.highest = int(facts["views_done"]), float(facts["highest"])
-        except (OSError, ValueError, TypeError, KeyError):  # killed before the first band was done
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            KeyError,
+        ):  # a process was killed before its first band
             return
         self.complete = complete
 
@@ -201,15 +207,15 @@ class CacheEntry:
         return (codes.shape, codes.dtype) == (self.shape, self.dtype)
 
     def reserve(self) -> None:
-        """Makes room for all codes, so that a full disk shows before any work is done.
+        """Allocates the file of all codes, so that a full disk is found out before any work.
 
         Raises:
-            OutputError: not enough space.
+            OutputError: there is not enough space, or the cache cannot be written.
         """
         if self.views_done:
             return
         with self._output_errors():
-            for path in (self._facts, self.path, self._part):  # what is damaged, or was just begun
+            for path in (self._facts, self.path, self._part):  # damaged or barely begun
                 path.unlink(missing_ok=True)
             size = math.prod(self.shape) * self.dtype.itemsize
             free = shutil.disk_usage(self.folder).free
@@ -228,28 +234,38 @@ class CacheEntry:
     def _allocate(self) -> None:
         np.lib.format.open_memmap(self._part, mode="w+", dtype=self.dtype, shape=self.shape)
         with self._part.open("r+b") as file:
-            # A hole that the disk cannot fill would kill the process at the first write.
+            # Without reserved space, a full disk would kill the process at a write.
             os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
 
     def put(self, codes: np.ndarray, first_pair: int, *, views_done: int, highest: float) -> None:
-        """Writes a band of codes `[T, d, B]` and notes that it is there.
+        """Writes the codes `[T, d, B]` of some views, and notes that they are done.
+
+        Args:
+            codes: codes of consecutive direction pairs.
+            first_pair: number of the first pair.
+            views_done: number of views that the entry holds then.
+            highest: highest value that the entry holds then.
 
         Raises:
-            OutputError: the disk is full.
+            OutputError: the cache cannot be written.
         """
         pairs = slice(first_pair, first_pair + codes.shape[1])
         facts = {"source": self.where, "views_done": views_done, "highest": highest}
         with self._output_errors():
             for block in slices(len(codes), WRITTEN_TEXELS):
-                # Mapped anew for every block, so that its pages do not stay in memory.
+                # Mapped again for every block, so that pages do not stay in memory.
                 np.lib.format.open_memmap(self._part, mode="r+")[block, pairs] = codes[block]
             with self._part.open("rb") as file:
-                os.fsync(file.fileno())  # a power cut must not leave the note without the band
+                os.fsync(file.fileno())  # after a power cut, noted views must be there
             write_atomic(self._facts, json.dumps(facts).encode())
         self.views_done, self.highest = views_done, highest
 
     def finish(self) -> None:
-        """All views are there."""
+        """Marks the entry as complete, once all views are written.
+
+        Raises:
+            OutputError: the cache cannot be written.
+        """
         with self._output_errors():
             os.replace(self._part, self.path)
         self.complete = True

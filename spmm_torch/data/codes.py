@@ -1,7 +1,8 @@
-"""Codes: the values of a BTF as its source keeps them, and how they become linear floats.
+"""Codes: the values of a BTF as its source stores them, and their expansion to linear floats.
 
-Codes are texel-major, `[T, D, B]`, in memory or in a file. Keeping the source's own bits, 1 byte a
-value for 8-bit pictures and 4 bytes a pixel for RGBE, is smaller than any float and loses nothing.
+Codes are texel-major, `[T, D, B]` with B code elements a pixel, in memory or in a file. They keep
+the bits of the source, 1 byte a value for 8-bit pictures and 4 bytes a pixel for RGBE: smaller than
+floats, and without loss.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import torch
@@ -22,10 +24,11 @@ from ..runtime.memory import slices
 from ..runtime.threads import in_threads
 from .file_rows import RowLayout, read_columns, read_rows
 
-# Pairs of codes that are looked up at once: few enough to stay in the caches, enough that threads
-# seldom wait for each other at the interpreter's lock.
+# Pairs of codes that are looked up at once: few enough for the caches of a core, enough that
+# threads seldom wait for the interpreter's lock.
 LOOKUP_CHUNK = 1 << 17
 
+# Indices `[n]` of texels, a mask `[T]`, or a slice; None: all texels.
 Index = Tensor | slice | None
 
 
@@ -33,21 +36,22 @@ class Codes(Protocol):
     """Texel-major codes `[T, D, B]`."""
 
     def rows(self, index: Index) -> Tensor:
-        """The codes of some texels, `[n, D, B]`, on the CPU; not to be written to."""
+        """Codes `[n, D, B]` of some texels, on the CPU; not to be written to."""
         ...
 
     def columns(self, start: int, stop: int) -> Tensor:
-        """The codes of consecutive pairs of all texels, `[T, stop - start, B]`."""
+        """Codes `[T, stop - start, B]` of all texels under consecutive direction pairs."""
         ...
 
 
 @dataclass(frozen=True)
 class MemoryCodes:
-    """Codes in memory."""
+    """Codes `[T, D, B]` in memory."""
 
     codes: Tensor
 
     def rows(self, index: Index) -> Tensor:
+        """Codes `[n, D, B]`; see `Codes.rows`."""
         if index is None:
             return self.codes
         if isinstance(index, slice):
@@ -55,21 +59,31 @@ class MemoryCodes:
         return self.codes.index_select(0, positions(index))
 
     def columns(self, start: int, stop: int) -> Tensor:
+        """Codes `[T, stop - start, B]`; see `Codes.columns`."""
         return self.codes[:, start:stop]
 
 
 @dataclass(frozen=True)
 class FileCodes:
-    """Codes in a `.npy` file."""
+    """Codes `[T, D, B]` in a `.npy` file."""
 
     path: Path
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
-        """(T, D, B)."""
+        """The shape (T, D, B) of the codes.
+
+        Raises:
+            OutputError: the file is gone or damaged.
+        """
         return self._header[0]
 
     def rows(self, index: Index) -> Tensor:
+        """Codes `[n, D, B]`; see `Codes.rows`.
+
+        Raises:
+            OutputError: the file is gone or damaged.
+        """
         texels = np.arange(self.shape[0])
         chosen = slice(None) if index is None else index
         chosen = texels[chosen if isinstance(chosen, slice) else positions(chosen).numpy()]
@@ -77,6 +91,11 @@ class FileCodes:
         return codes.view(len(chosen), *self.shape[1:])
 
     def columns(self, start: int, stop: int) -> Tensor:
+        """Codes `[T, stop - start, B]`; see `Codes.columns`.
+
+        Raises:
+            OutputError: the file is gone or damaged.
+        """
         texels, _, width = self.shape
         codes = self._read(
             lambda stream: read_columns(stream, self._layout, texels, start * width, stop * width)
@@ -85,7 +104,7 @@ class FileCodes:
 
     @cached_property
     def _header(self) -> tuple[tuple[int, ...], np.dtype, int]:
-        """Shape, type, and where the values begin."""
+        """Shape and type of the codes, and the offset of the first one in bytes."""
         try:
             mapped = np.lib.format.open_memmap(self.path, mode="r")
         except (OSError, ValueError) as error:
@@ -97,14 +116,14 @@ class FileCodes:
         shape, dtype, offset = self._header
         return RowLayout(offset, dtype, math.prod(shape[1:]))
 
-    def _read(self, read: Callable[[BinaryIO], np.ndarray]) -> Tensor:
+    def _read(self, read: Callable[[FileIO], np.ndarray]) -> Tensor:
         try:
             with self._open() as stream:
                 return torch.from_numpy(read(stream))
         except EOFError as error:
             raise self._gone(error) from error
 
-    def _open(self) -> BinaryIO:
+    def _open(self) -> FileIO:
         try:
             return self.path.open("rb", buffering=0)
         except OSError as error:
@@ -118,48 +137,50 @@ class FileCodes:
 
 
 def positions(index: Tensor) -> Tensor:
-    """A texel index, or a mask of texels, as positions on the CPU."""
+    """Positions `[n]` on the CPU of a texel index `[n]` or a mask of texels `[T]`."""
     index = index.cpu()
     return index.nonzero().flatten() if index.dtype == torch.bool else index
 
 
 class Expansion(Protocol):
-    """How codes become values.
+    """The expansion of codes to linear values.
 
     Attributes:
-        elementwise: whether every code element is a value of its own.
+        elementwise: whether every code element stands for one value.
     """
 
-    elementwise: bool
+    elementwise: ClassVar[bool]
 
     def __call__(self, codes: Tensor) -> Tensor:
         """Linear values `[..., C]` float32 of codes `[..., B]`, on the device of the codes."""
         ...
 
     def bounds(self, codes: Tensor) -> tuple[float, float]:
-        """The lowest and the highest value of some codes; both NaN if any is."""
+        """The lowest and the highest value of codes `[..., B]`; both are NaN if any value is."""
         ...
 
 
 class FloatExpansion:
-    """Codes that are linear values already, float16 or float32."""
+    """The expansion of float16 or float32 codes, which are linear values already."""
 
-    elementwise = True
+    elementwise: ClassVar[bool] = True
 
     def __call__(self, codes: Tensor) -> Tensor:
+        """Values `[..., C]` float32 of codes `[..., C]`."""
         return codes.float()
 
     def bounds(self, codes: Tensor) -> tuple[float, float]:
+        """The lowest and the highest value of codes `[..., C]`; see `Expansion.bounds`."""
         low, high = codes.aminmax()
         return float(low), float(high)
 
 
 @dataclass(frozen=True)
 class TableExpansion:
-    """8-bit codes by a table `[256]`.
+    """The expansion of 8-bit codes by a rising `table [256]`.
 
-    A table, unlike a power, gives the same bits wherever a value lies in its block, so a fit does
-    not depend on the size of the blocks. On a CPU codes are looked up two at a time.
+    A table, unlike a power, gives the same bits at any place of a block, so that a fit does not
+    depend on the size of blocks. On a CPU codes are looked up two at a time.
     """
 
     table: Tensor
@@ -167,37 +188,39 @@ class TableExpansion:
 
     @cached_property
     def pairs(self) -> np.ndarray:
-        """The two values of every pair of codes `[65536]`, as one element of 8 bytes."""
+        """The two float32 values of every pair of codes `[65536]`, as one element of 8 bytes."""
         codes = np.arange(1 << 16, dtype=np.uint16).view(np.uint8)
         return self.table.numpy()[codes].view(np.uint64)
 
     def __call__(self, codes: Tensor) -> Tensor:
+        """Values `[...]` float32 of codes `[...]` uint8."""
         if codes.device.type != "cpu":
             return self.table.to(codes.device)[codes.int()]
         return _look_up(self.table.numpy(), self.pairs, codes)
 
     def bounds(self, codes: Tensor) -> tuple[float, float]:
+        """The lowest and the highest value of codes `[...]`; see `Expansion.bounds`."""
         low, high = codes.aminmax()  # the table rises
         return float(self.table[int(low)]), float(self.table[int(high)])
 
     @classmethod
     def gamma(cls, gamma: float) -> TableExpansion:
-        """The linear value `(code / 255) ** gamma` of each 8-bit code."""
+        """The expansion of an 8-bit code to `(code / 255) ** gamma`."""
         return cls(((torch.arange(256, dtype=torch.float64) / 255.0) ** gamma).float())
 
 
 def _look_up(table: np.ndarray, pairs: np.ndarray, codes: Tensor) -> Tensor:
-    """`table[codes]` on the CPU, ten times faster than by torch, by as many threads as it has.
+    """`table[codes]` of codes `[...]` on the CPU, in threads, ten times as fast as by torch.
 
-    NumPy, because `take` spends most of its time on the index, and two codes are one index.
+    `np.take` spends most of its time on the index, and here one index serves two codes.
     """
-    values = torch.from_numpy(np.empty(codes.shape, np.float32))  # by NumPy: in huge pages
+    values = torch.from_numpy(np.empty(codes.shape, np.float32))  # NumPy allocates huge pages
     source, target = codes.contiguous().view(-1).numpy(), values.view(-1).numpy()
     even = source.size & ~1
     source_pairs, target_pairs = source[:even].view(np.uint16), target[:even].view(np.uint64)
 
     def work(block: slice) -> None:
-        # "raise" would copy
+        # The mode "raise" would copy.
         np.take(pairs, source_pairs[block], out=target_pairs[block], mode="clip")
 
     in_threads(work, list(slices(len(source_pairs), LOOKUP_CHUNK)))

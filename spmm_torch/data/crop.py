@@ -1,4 +1,4 @@
-"""Cut a rectangle out of a UBO2003 BTF without decoding loss worth the name.
+"""Crop of a UBO2003 BTF, whose JPEGs lose next to nothing.
 
 The bundled sample was made by
 `spmm crop WEAVE64.zip WEAVE40.zip --x 0 --y 0 --width 40 --height 40`.
@@ -18,7 +18,7 @@ from .codecs import DECODE_ERRORS
 from .picture_set import list_pictures
 from .pictures import open_archive, unreadable
 
-# JPEG codes blocks of 8 x 8 samples; with subsampled colour a unit covers 16 x 16 pixels.
+# Pixels along a block of JPEG: 8, or 16 where colour is subsampled.
 BLOCK = 8
 SUBSAMPLED_BLOCK = 16
 FULL_COLOUR = 0  # Pillow's number for 4:4:4
@@ -29,13 +29,14 @@ Box = tuple[int, int, int, int]  # left, top, right, bottom
 def crop_ubo2003(
     source: Path | str, x0: int, y0: int, width: int, height: int, destination: Path | str
 ) -> None:
-    """Write the texels `[y0 : y0 + height, x0 : x0 + width]` of every picture to a zip.
+    """Writes the texels `[y0 : y0 + height, x0 : x0 + width]` of every picture to a zip.
 
-    Pictures are re-encoded in YCbCr with their own quantization tables; along block borders
-    this repeats the source's coefficients, up to rounding.
+    Pictures are encoded again in YCbCr with their own quantization tables. As the rectangle follows
+    the blocks of JPEG, this repeats the coefficients of the source, up to rounding.
 
     Raises:
-        DataError: no pictures, not JPEG, or a rectangle outside them or across JPEG blocks.
+        DataError: there are no pictures, they are not JPEG, or the rectangle is outside of them or
+            cuts their blocks.
         OutputError: the zip cannot be written.
     """
     path, target = Path(source), Path(destination)
@@ -57,14 +58,23 @@ def crop_ubo2003(
 
 
 def crop_jpeg(payload: bytes, box: Box, name: str) -> bytes:
-    """A JPEG cropped along its blocks, tables and colour sampling kept; messages call it `name`."""
+    """The crop of a JPEG along its blocks, with the same quantization and colour sampling.
+
+    Args:
+        payload: bytes of the JPEG.
+        box: (left, top, right, bottom) in pixels.
+        name: name of the picture in messages.
+
+    Raises:
+        DataError: the picture is not JPEG, or the box is outside of it or cuts its blocks.
+    """
     with Image.open(io.BytesIO(payload)) as image:
-        if image.format != "JPEG":
+        if image.format != "JPEG" or not isinstance(image, JpegImagePlugin.JpegImageFile):
             raise DataError(f"picture {name!r} is {image.format}; expected JPEG; convert it first.")
         sampling = JpegImagePlugin.get_sampling(image)
         _check_box(box, image.size, BLOCK if sampling == FULL_COLOUR else SUBSAMPLED_BLOCK)
         tables = image.quantization
-        image.draft("YCbCr", image.size)  # spares the way to RGB and back
+        image.draft("YCbCr", image.size)  # avoids the conversion to RGB and back
         cropped = image.crop(box)
     buffer = io.BytesIO()
     cropped.save(buffer, "JPEG", qtables=tables, subsampling=sampling, optimize=True)
@@ -82,6 +92,6 @@ def _check_box(box: Box, size: tuple[int, int], block: int) -> None:
 
 
 def _renamed(name: str, root: str) -> str:
-    """The member's name under a new top folder."""
+    """The name of a member with another top folder."""
     parts = PurePosixPath(name).parts
     return str(PurePosixPath(root, *(parts[1:] if len(parts) > 1 else parts)))

@@ -7,11 +7,11 @@ from torch import Tensor
 
 from ..errors import DataError
 
-# Unit vectors that went through float16 are off by up to 1e-3.
+# Tolerance of the length of unit vectors; float16 rounds it by up to 1e-3.
 UNIT_TOLERANCE = 2e-3
-# cos(pi / 2) is not zero in floating point: -4e-8 in float32, 5e-4 after float16.
+# Tolerance of z at the horizon: rounding makes cos(pi / 2) -4e-8 in float32, 5e-4 in float16.
 HORIZON_TOLERANCE = 1e-3
-# Measured grids are degrees apart; closer than this chord (0.06 degrees) is the same direction.
+# Chord (0.06 degrees) below which two directions are the same; grids are degrees apart.
 SAME_DIRECTION = 1e-3
 
 
@@ -19,7 +19,8 @@ def checked_directions(directions: Tensor, where: str) -> Tensor:
     """Directions `[N, 3]` as float32 unit vectors in the closed upper hemisphere.
 
     Raises:
-        DataError: wrong shape, not finite, not unit, under the horizon, or twice the same.
+        DataError: the shape is wrong, or a direction is not finite, not unit, below the horizon or
+            there twice.
     """
     if directions.ndim != 2 or directions.shape[-1] != 3 or len(directions) == 0:
         raise DataError(
@@ -47,6 +48,7 @@ def checked_directions(directions: Tensor, where: str) -> Tensor:
 
 
 def _refuse(bad: Tensor, directions: Tensor, what: str, remedy: str) -> None:
+    """Raises a DataError that names the first bad one, `bad [N]`, of `directions [N, 3]`."""
     if bad.any():
         index = int(bad.nonzero()[0])
         vector = ", ".join(f"{value:.6g}" for value in directions[index].tolist())
@@ -54,6 +56,7 @@ def _refuse(bad: Tensor, directions: Tensor, what: str, remedy: str) -> None:
 
 
 def _check_distinct(directions: Tensor, where: str) -> None:
+    """Refuses `directions [N, 3]` of which two are the same."""
     distance = torch.cdist(directions, directions, compute_mode="donot_use_mm_for_euclid_dist")
     same = (distance < SAME_DIRECTION).triu(diagonal=1)  # [N, N]
     if same.any():

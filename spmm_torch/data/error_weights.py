@@ -1,9 +1,9 @@
-"""Weights of texels and of direction pairs: how much an error there counts.
+"""Weights of errors, by texel and by direction pair.
 
-A value counts by the product of the weights of its texel and of its pair, so the whole fit
-minimizes sum_t v_t sum_d w_d (y_td - s_td)^2. Pair weights scale values and lobes by sqrt(w_d), as
-in any weighted least squares, and all else stays as it is; texel weights count in every sum over
-texels. Pairs that were not measured have weight 0.
+The weight of an error is the product of the weights v_t of its texel and w_d of its pair: a fit
+minimizes sum_t v_t sum_d w_d (y_td - s_td)^2. As in any weighted least squares, values and lobes
+are scaled by sqrt(w_d); v_t is a factor in every sum over texels. Pairs that were not measured have
+weight 0.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from ..errors import DataError
 from . import BTF
 
 Index = Tensor | slice
-# Texels without weight count this much: they still are in a cluster, with lobes and a residual.
-LEAST_TEXEL = 1e-6
+# Smallest weight of a texel: even one of weight 0 is in a cluster, with lobes and a residual.
+MIN_TEXEL_WEIGHT = 1e-6
 
 
 @dataclass(frozen=True)
 class Weights:
-    """Weights of the values of one BTF; of mean 1, so that they change no scale.
+    """Weights of the errors of one BTF, with mean 1.
 
     Attributes:
-        pair: `[D]` float32, 0 where nothing was measured; None: 1 for all.
-        texel: `[T]` float32; None: 1 for all.
-        measured: which pairs have values, `[D]` bool; None: all.
+        pair: weights of direction pairs, `[D]` float32, 0 where not measured; None: all 1.
+        texel: weights of texels, `[T]` float32; None: all 1.
+        measured: whether each pair has values, `[D]` bool; None: all have.
     """
 
     pair: Tensor | None = None
@@ -48,13 +48,14 @@ class Weights:
         """Checked weights of any scale.
 
         Args:
-            btf: whose values they weigh; only its header is looked at.
-            pair: `[V, L]`, not negative; None: all the same.
-            texel: `[H, W]`, not negative, row 0 at the top; None: all the same.
-            where: how messages call them.
+            btf: BTF of the errors; only its header is used.
+            pair: weights of pairs `[V, L]`, not negative; None: uniform.
+            texel: weights of texels `[H, W]`, not negative, row 0 at the top; None: uniform.
+            where: name of the weights in messages.
 
         Raises:
-            DataError: wrong shape, not finite, negative, or nothing that was measured counts.
+            DataError: a shape is wrong, a weight is negative or not finite, or all weights of
+                measured values are 0.
         """
         measured = btf.measured
         if pair is not None:
@@ -71,44 +72,46 @@ class Weights:
         return cls(pair, texel, measured)
 
     def times(self, other: Weights) -> Weights:
-        """The products of both, for the same BTF.
+        """The products of these weights and others of the same BTF.
 
         Raises:
-            DataError: they have nothing in common.
+            DataError: all products are 0.
         """
         pair = _product(self.pair, other.pair, self.measured)
         return Weights(pair, _product(self.texel, other.texel, None), self.measured)
 
-    def floored(self, share: float) -> Weights:
-        """The same with a `share`, 0 to 1, of the weight spread evenly over what was measured.
+    def floored(self, fraction: float) -> Weights:
+        """Weights of which a fraction, 0 to 1, is spread evenly over all measured values.
 
-        With more than 0, nothing that was measured has weight 0.
+        With a fraction above 0, no measured value has weight 0.
         """
-        even = share if self.measured is None else share * self.measured
-        pair = None if self.pair is None else (1.0 - share) * self.pair + even
-        texel = None if self.texel is None else (1.0 - share) * self.texel + share
+        even = fraction if self.measured is None else fraction * self.measured
+        pair = None if self.pair is None else (1.0 - fraction) * self.pair + even
+        texel = None if self.texel is None else (1.0 - fraction) * self.texel + fraction
         return Weights(pair, texel, self.measured)
 
     @property
     def uniform(self) -> bool:
-        """Whether all values count alike and none is missing."""
+        """Whether all weights are 1 and no pair is missing."""
         return self.pair is None and self.texel is None
 
     def scale(self, device: torch.device | str) -> Tensor | None:
-        """sqrt(w_d) of every pair, `[D]`; None if they are all 1."""
+        """The scale sqrt(w_d) of every pair, `[D]`; None if all are 1."""
         return None if self.pair is None else self.pair.to(device).sqrt()
 
     def signals(self, btf: BTF, index: Index, device: torch.device | str) -> Tensor:
-        """Values `[n, C, D]` of some texels, channels first, scaled by sqrt(w_d)."""
+        """Values `[n, C, D]` of some texels, scaled by sqrt(w_d), on a device."""
         values, scale = btf.signals(index, device), self.scale(device)
         return values if scale is None else values * scale
 
     def of_texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor | None:
-        """v_t of some texels, `[n]`, positive; None if they are all 1."""
-        return None if self.texel is None else self.texel[index].clamp(min=LEAST_TEXEL).to(device)
+        """Positive weights v_t `[n]` of some texels, on a device; None if all are 1."""
+        return (
+            None if self.texel is None else self.texel[index].clamp(min=MIN_TEXEL_WEIGHT).to(device)
+        )
 
     def digest(self) -> str | None:
-        """A name of these very weights; None for uniform ones."""
+        """The hash of the weights, in hexadecimal; None for uniform weights."""
         parts = [part for part in (self.pair, self.texel) if part is not None]
         if not parts:
             return None
@@ -122,7 +125,7 @@ UNIFORM = Weights()
 
 
 def _checked(values: Tensor, shape: tuple[int, int], what: str, axes: str) -> Tensor:
-    """The values in float64, of one shape, finite and not negative."""
+    """The values `[H, W]` or `[V, L]` in float64, of the given shape, finite and not negative."""
     if tuple(values.shape) != shape:
         raise DataError(
             f"{what} has shape {list(values.shape)}; expected {list(shape)} = {axes} of the BTF; "
@@ -141,7 +144,7 @@ def _checked(values: Tensor, shape: tuple[int, int], what: str, axes: str) -> Te
 
 
 def _evened(weights: Tensor, measured: Tensor | None, what: str) -> Tensor:
-    """Weights `[N]` of mean 1 over what was measured."""
+    """Weights `[N]` scaled to mean 1 over the measured ones; 0 at the others."""
     if measured is not None:
         weights = weights * measured
     count = len(weights) if measured is None else int(measured.sum())
@@ -155,6 +158,7 @@ def _evened(weights: Tensor, measured: Tensor | None, what: str) -> Tensor:
 
 
 def _product(first: Tensor | None, second: Tensor | None, measured: Tensor | None) -> Tensor | None:
+    """Products `[N]` of two weights, scaled to mean 1; None stands for uniform weights."""
     if first is None or second is None:
         return second if first is None else first
     return _evened(first.double() * second.double(), measured, "the product of all weights")

@@ -1,21 +1,20 @@
-"""Rows of an array that lies in a file, read by position.
+"""Rows of an array in a file, read by position.
 
-A mapped file would be simpler, but pages that were touched, and their neighbours, count as memory
-of the process for as long as they stay mapped. Reading costs a few microseconds a row where rows
-lie apart.
+A memory-mapped file would be simpler, but its touched pages count as memory of the process. Reading
+costs a few microseconds for each row that is not next to another one.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import BinaryIO
+from io import FileIO
 
 import numpy as np
 
 
 @dataclass(frozen=True)
 class RowLayout:
-    """Where the rows of an array `[N, width]` lie in a file."""
+    """Offset, type and row length of an array `[N, width]` in a file."""
 
     offset: int
     dtype: np.dtype
@@ -23,23 +22,26 @@ class RowLayout:
 
     @property
     def row_bytes(self) -> int:
-        """Size of one row."""
+        """Bytes of one row."""
         return self.width * self.dtype.itemsize
 
 
-def read_rows(stream: BinaryIO, layout: RowLayout, rows: np.ndarray) -> np.ndarray:
-    """Some rows `[n, width]`, in any order and repeated at will; neighbours in one piece.
+def read_rows(stream: FileIO, layout: RowLayout, rows: np.ndarray) -> np.ndarray:
+    """Some rows `[n, width]` of an array, read in runs of neighbours.
 
-    A stream belongs to one thread at a time.
+    Args:
+        stream: file that no other thread uses meanwhile.
+        layout: place of the array in the file.
+        rows: indices `[n]` of rows, in any order, also repeated.
 
     Raises:
-        EOFError: the file ends before them.
+        EOFError: the file ends before the last of them.
     """
     wanted, inverse = np.unique(rows, return_inverse=True)
     found = np.empty((len(wanted), layout.width), dtype=layout.dtype)
     if not found.size:
         return found[inverse]
-    buffer, size = memoryview(found).cast("B"), layout.row_bytes
+    buffer, size = _bytes_of(found), layout.row_bytes
     starts = np.flatnonzero(np.diff(wanted, prepend=-2) != 1)
     for start, stop in zip(starts, np.append(starts[1:], len(wanted)), strict=True):
         run = buffer[int(start) * size : int(stop) * size]
@@ -49,27 +51,33 @@ def read_rows(stream: BinaryIO, layout: RowLayout, rows: np.ndarray) -> np.ndarr
 
 
 def read_columns(
-    stream: BinaryIO, layout: RowLayout, row_count: int, start: int, stop: int
+    stream: FileIO, layout: RowLayout, row_count: int, start: int, stop: int
 ) -> np.ndarray:
-    """Columns `start` to `stop` of all rows, `[row_count, stop - start]`.
+    """Columns `start` to `stop` of all rows of an array, `[row_count, stop - start]`.
 
     Raises:
-        EOFError: the file ends before them.
+        EOFError: the file ends before the last of them.
     """
     found = np.empty((row_count, stop - start), dtype=layout.dtype)
     if not found.size:
         return found
-    buffer, size = memoryview(found).cast("B"), (stop - start) * layout.dtype.itemsize
+    buffer, size = _bytes_of(found), (stop - start) * layout.dtype.itemsize
     first = layout.offset + start * layout.dtype.itemsize
     for row in range(row_count):
         _fill(stream, first + row * layout.row_bytes, buffer[row * size : (row + 1) * size])
     return found
 
 
-def _fill(stream: BinaryIO, position: int, target: memoryview) -> None:
+def _bytes_of(array: np.ndarray) -> memoryview:
+    """The memory of a contiguous array."""
+    return memoryview(array.data).cast("B")
+
+
+def _fill(stream: FileIO, position: int, target: memoryview) -> None:
+    """Reads as many bytes from a position on as the target holds."""
     stream.seek(position)
     done = 0
-    while done < len(target):  # one read gives 2 GB at most
+    while done < len(target):  # one read gives at most 2 GB
         count = stream.readinto(target[done:])
         if not count:
             raise EOFError("the file ends early")

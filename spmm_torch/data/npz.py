@@ -1,18 +1,19 @@
 """Reader of the NPZ interchange format, view by view.
 
 Arrays: `values [V, L, H, W, 3]` float16 or float32, linear and cosine-weighted; `view [V, 3]`
-and `light [L, 3]`, unit vectors that point away from the surface. A file counts as HDR if and
-only if a value exceeds 1; its peak is then the 99.9th percentile, else 1.
+and `light [L, 3]`, unit vectors that point away from the surface. A file is HDR if and only if a
+value exceeds 1; its peak is then the 99.9th percentile, else 1.
 """
 
 from __future__ import annotations
 
+import io
 import math
 import zipfile
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import IO, cast
 
 import numpy as np
 from numpy.lib import format as npy
@@ -26,13 +27,13 @@ from .pictures import ZIP_ERRORS, material_name, open_zip
 EXPECTED = "an NPZ with values, view and light"
 MEMBERS = ("values", "view", "light")
 LAYOUT = "values [V, L, H, W, 3] float16 or float32, view [V, 3] and light [L, 3]"
-# No content is larger than its stored bytes by more than this factor; other methods have no bound.
-LARGEST_RATIO = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}
+# Largest ratio of the size of a zip member to its compressed size; other methods have no bound.
+MAX_RATIO = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}
 READ_ERRORS = (*ZIP_ERRORS, OSError, ValueError, KeyError)
 
 
 def accepts(path: Path) -> bool:
-    """Whether a file is a zip that holds .npy arrays."""
+    """Whether a file is a zip with .npy arrays."""
     if path.is_dir() or not zipfile.is_zipfile(path):
         return False
     with open_zip(path) as handle:
@@ -40,9 +41,9 @@ def accepts(path: Path) -> bool:
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
-    """Open an NPZ: reads the directions and the header of the values, not the values.
+    """Opens an NPZ: reads the directions and the header of the values, not the values.
 
-    Its values are linear, so `options.gamma` does not touch them.
+    Values are linear, so that `options.gamma` has no effect.
 
     Raises:
         DataError: an array is missing or malformed, or a direction is not valid.
@@ -63,6 +64,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
 
 
 def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
+    """Header of the values, views `[V, 3]` and lights `[L, 3]`."""
     with zipfile.ZipFile(path) as handle:
         names = handle.namelist()
         for key in MEMBERS:
@@ -82,18 +84,18 @@ def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
 
 
 def _check_size(member: zipfile.ZipInfo, header: ArrayHeader, start: int) -> None:
-    """Checks, before any memory is taken, that a member can hold the array that its header names.
+    """Checks, before memory is allocated, that a member can hold the array of its header.
 
     Args:
-        member: as the zip lists it; its sizes may lie.
-        header: of the array.
-        start: bytes in front of the values.
+        member: entry of the zip, whose sizes may be wrong.
+        header: header of the array.
+        start: number of bytes in front of the values.
 
     Raises:
-        EOFError: it cannot.
+        EOFError: the member is too small.
     """
     needed = start + math.prod(header.shape) * header.dtype.itemsize
-    most = LARGEST_RATIO.get(member.compress_type, math.inf) * member.compress_size
+    most = MAX_RATIO.get(member.compress_type, math.inf) * member.compress_size
     if needed > min(member.file_size, most):
         raise EOFError(
             f"the array ends early: {needed} bytes cannot come from {member.compress_size} bytes"
@@ -101,6 +103,7 @@ def _check_size(member: zipfile.ZipInfo, header: ArrayHeader, start: int) -> Non
 
 
 def _read_directions(handle: zipfile.ZipFile, key: str, path: Path) -> np.ndarray:
+    """The array `[N, 3]` float64 of a member; its shape is checked elsewhere."""
     with handle.open(f"{key}.npy") as stream:
         array = npy.read_array(stream, allow_pickle=False)
     if array.dtype.kind != "f":
@@ -112,6 +115,7 @@ def _read_directions(handle: zipfile.ZipFile, key: str, path: Path) -> np.ndarra
 
 
 def _read_header(stream: IO[bytes]) -> ArrayHeader:
+    """The header at the start of an .npy file."""
     version = npy.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"'values' has version {version} of the .npy format")
@@ -120,9 +124,9 @@ def _read_header(stream: IO[bytes]) -> ArrayHeader:
 
 
 def _iterate_views(path: Path, header: ArrayHeader, chosen: Sequence[int]) -> Iterator[np.ndarray]:
-    """Pictures `[L, H, W, 3]` of ascending views, so that never more than one is in memory twice.
+    """Pictures `[L, H, W, 3]` of some ascending views, read one view at a time.
 
-    Arrays in Fortran order scatter a view over the whole file and are read in one piece.
+    In Fortran order the values of a view are all over the file, which is then read as a whole.
     """
     native = header.dtype.newbyteorder("=")
     shape = header.shape[1:]
@@ -139,18 +143,18 @@ def _iterate_views(path: Path, header: ArrayHeader, chosen: Sequence[int]) -> It
             for view in chosen:
                 stream.seek(start + view * size)
                 payload = bytearray(size)
-                if stream.readinto(payload) != size:
+                if cast("io.BufferedIOBase", stream).readinto(payload) != size:
                     raise EOFError("the array ends early")
                 pictures = np.frombuffer(payload, dtype=header.dtype).reshape(shape)
                 yield pictures.astype(native, copy=False)
             if chosen and chosen[-1] == header.shape[0] - 1:
-                stream.read(1)  # only at its end does a member show that it is whole
+                stream.read(1)  # the end of a member verifies its checksum
     except READ_ERRORS as error:
         raise _damaged(path, error) from error
 
 
 def _content(path: Path) -> list[tuple[str, int]]:
-    """What a zip says of the content of its members."""
+    """Names and checksums of the members of a zip."""
     with open_zip(path) as handle:
         return [(info.filename, info.CRC) for info in handle.infolist()]
 

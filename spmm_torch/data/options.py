@@ -1,4 +1,4 @@
-"""What a caller may say about how a BTF is to be read; each reader heeds what concerns it."""
+"""Options of the readers of BTFs; each reader uses those that concern it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from ..config.fit import DataConfig
 from ..errors import ConfigError
 
-# Exponent of display-encoded pictures.
+# Exponent that turns the codes of display-encoded pictures into linear values.
 DISPLAY_GAMMA = 2.2
-# Singular values that a `.btf` keeps of each pair of factors.
+# Number of singular values that a `.btf` file keeps of each pair of factors.
 DEFAULT_COMPONENTS = 100
-# Decoding of small pictures is bound by the interpreter lock: more threads gain nothing.
+# The interpreter's lock limits the decoding of small pictures: more threads gain nothing.
 MAX_THREADS = 8
 COSINES = ("auto", "included", "missing")
 NEGATIVES = ("refuse", "clip", "keep")
@@ -25,17 +25,17 @@ class ReadOptions:
     """Options of all readers.
 
     Args:
-        gamma: exponent that makes 8-bit codes linear; 1.0 if they are linear already.
-        threads: how many pictures are decoded at once; 0 = one for each core, 8 at most.
-        cosine: of the light: "included" in the values, or "missing" and to be multiplied; "auto":
-            as a `.btf` says of itself, included in all others.
-        negative: of values below zero, such as noise after dark-frame subtraction: "refuse" them,
-            "clip" them to zero, which makes dark texels brighter on average, or "keep" them. A
-            `.btf` has none: its format clips.
-        missing: pairs of directions without a picture: "refuse" them, or "mask" them.
+        gamma: exponent that turns 8-bit codes into linear values; 1.0 if they are linear already.
+        threads: number of pictures that are decoded at once; 0: one for each core, at most 8.
+        cosine: whether values contain the cosine of the light: "included", "missing" (values are
+            then multiplied by it), or "auto" (as a `.btf` file states; included for all others).
+        negative: treatment of values below zero, such as noise after dark-frame subtraction:
+            "refuse" the BTF, "clip" them to zero, which makes dark texels brighter on average, or
+            "keep" them. A `.btf` file has none, as its format clips them.
+        missing: treatment of direction pairs without a picture: "refuse" the BTF, or "mask" them.
 
     Raises:
-        ConfigError: a value out of its range.
+        ConfigError: a value is out of its range.
     """
 
     gamma: float = DISPLAY_GAMMA
@@ -63,7 +63,7 @@ class ReadOptions:
 
     @classmethod
     def of(cls, settings: DataConfig) -> ReadOptions:
-        """The options that the settings of a fit name."""
+        """The options in the settings of a fit."""
         return cls(
             gamma=settings.gamma,
             cosine=settings.cosine,
@@ -73,7 +73,7 @@ class ReadOptions:
 
     @property
     def thread_count(self) -> int:
-        """Number of threads to start."""
+        """The number of threads to start."""
         return self.threads or min(os.cpu_count() or 1, MAX_THREADS)
 
 

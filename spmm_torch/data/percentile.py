@@ -1,4 +1,4 @@
-"""An exact percentile of more values than fit into memory."""
+"""The exact percentile of more values than memory holds."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from collections.abc import Iterable
 import torch
 from torch import Tensor
 
-# Values whose maximum is taken first: few runs reach a high percentile, the others end there.
+# Values of a run, which is skipped if its maximum is too low: few runs reach a high percentile.
 RUN = 1024
 
 
 def percentile(chunks: Iterable[Tensor], count: int, fraction: float) -> float:
-    """Smallest value that at least `fraction` of all values do not exceed (nearest rank).
+    """The smallest value that at least a fraction of all values do not exceed (nearest rank).
 
-    One pass. Holds the largest values met so far, so it is meant for fractions near 1.
+    One pass, which holds the largest values so far: meant for fractions near 1.
 
     Args:
-        chunks: all values, float32; negative ones count as zero.
-        count: how many they are.
-        fraction: in (0, 1].
+        chunks: all values, in chunks `[...]` float32; a negative percentile counts as zero.
+        count: number of all values.
+        fraction: fraction in (0, 1].
     """
-    kept = count - max(math.ceil(fraction * count), 1) + 1  # the last of so many largest values
+    kept = count - max(math.ceil(fraction * count), 1) + 1  # the smallest of so many largest values
     largest, bound = torch.empty(0), -math.inf
     for chunk in chunks:
         largest = torch.cat((largest, _above(chunk.flatten(), bound)))
@@ -33,7 +33,7 @@ def percentile(chunks: Iterable[Tensor], count: int, fraction: float) -> float:
 
 
 def _above(values: Tensor, bound: float) -> Tensor:
-    """Those of `values [N]` that exceed a bound."""
+    """Those of `values [N]` that exceed a bound, `[n]`."""
     whole = len(values) // RUN * RUN
     runs = values[:whole].view(-1, RUN)
     tall = runs[runs.amax(1) > bound].flatten()

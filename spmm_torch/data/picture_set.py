@@ -1,9 +1,9 @@
-"""Reader of picture sets: a zip or folder of one picture for each pair of directions.
+"""Reader of picture sets: a zip or folder of one picture for each direction pair.
 
-The names tell the directions: `<NAME>/MANYFILES/tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`
-holds the polar angles t and azimuths p, in degrees, of light l and view v. How the pictures are
-stored is seen from their first bytes: JPEG and PNG (UBO2003), Radiance (ATRIUM) or OpenEXR. 8-bit
-ones are gamma-encoded, the others linear; all are already multiplied by the cosine of the light.
+File names give the directions: `<NAME>/MANYFILES/tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`
+has the polar angles t and azimuths p, in degrees, of light l and view v. The first bytes of a file
+give its format: JPEG and PNG (UBO2003), Radiance (ATRIUM) or OpenEXR. 8-bit pictures are
+gamma-encoded, the others linear; all values contain the cosine of the light.
 """
 
 from __future__ import annotations
@@ -46,12 +46,12 @@ CHANNELS = 3
 
 
 def accepts(path: Path) -> bool:
-    """Whether a folder or zip holds at least one picture named by its directions."""
+    """Whether a folder or zip has at least one picture named by its directions."""
     return (path.is_dir() or zipfile.is_zipfile(path)) and any(map(_is_picture, list_files(path)))
 
 
 def list_pictures(path: Path) -> list[str]:
-    """Names of all pictures in a zip or folder that tell their directions."""
+    """Names of the pictures in a zip or folder that are named by their directions."""
     return [name for name in list_files(path) if _is_picture(name)]
 
 
@@ -60,10 +60,10 @@ def _is_picture(name: str) -> bool:
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
-    """Open a picture set: scans the names and one picture, decodes no other.
+    """Opens a picture set: reads all names, and decodes one picture only.
 
     Raises:
-        DataError: a pair of directions is missing or doubled, or the first picture is broken.
+        DataError: a direction pair is missing or there twice, or the first picture is damaged.
     """
     source = Path(path)
     pictures = PictureSet.scan(source, options)
@@ -89,11 +89,11 @@ class PictureSet:
 
     Attributes:
         path: zip or folder.
-        grid: directions and files.
-        codec: of every picture.
+        grid: directions and file names.
+        codec: codec of every picture.
         size: (height, width) of every picture.
-        dtype, width: type and number of code elements of a pixel.
-        options: of the reader.
+        dtype, width: type and number of the code elements of a pixel.
+        options: options of the reader.
     """
 
     path: Path
@@ -106,7 +106,11 @@ class PictureSet:
 
     @classmethod
     def scan(cls, path: Path, options: ReadOptions) -> PictureSet:
-        """Arranges the pictures by their names and looks into the first one."""
+        """The picture set of a zip or folder, by its names and its first picture.
+
+        Raises:
+            DataError: a direction pair is missing or there twice, or the first picture is damaged.
+        """
         grid = arrange(list_pictures(path), path, options.missing == "mask")
         with open_archive(path) as archive:
             (payload,) = archive.read([grid.first])
@@ -120,11 +124,16 @@ class PictureSet:
 
     @property
     def bytes_per_value(self) -> float:
-        """Of the source, per channel: RGBE keeps three values in four bytes."""
+        """Bytes of a value in the source; RGBE stores three values in four bytes."""
         return self.dtype.itemsize * self.width / CHANNELS
 
     def open_store(self, part: Part, loading: Loading) -> Store:
-        """Decodes a part of the pictures."""
+        """Decodes a part of the pictures.
+
+        Raises:
+            DataError: a picture cannot be decoded, or a value is not valid.
+            OutputError: the cache cannot be written.
+        """
         texels = self.size[0] * self.size[1] if part.texels is None else len(part.texels)
         files = self._files(part)  # [V', L'] names, None for missing ones
         shape = (len(files), len(files[0]), texels, self.width)
@@ -137,7 +146,7 @@ class PictureSet:
                     place(view, self._decode(archive, files[view], part))
 
                 for _ in pool.map(decode_view, views):
-                    pass  # raises what a thread raised
+                    pass  # raises the exception of a thread
 
         def key() -> str:
             chosen = [name for row in files for name in row]
@@ -153,24 +162,25 @@ class PictureSet:
         return open_store(source, loading)
 
     def _files(self, part: Part) -> list[list[str | None]]:
+        """File names `[V'][L']` of the pictures of a part; None for missing ones."""
         lights = len(self.grid.light)
         light_index = range(lights) if part.lights is None else part.lights.tolist()
         view_index = range(len(self.grid.view)) if part.views is None else part.views.tolist()
         return [[self.grid.files[v * lights + l] for l in light_index] for v in view_index]  # noqa: E741
 
     def _decode(self, archive: Archive, names: Sequence[str | None], part: Part) -> np.ndarray:
-        """Codes `[L', T', B]` of the pictures of one view; missing ones are black.
+        """Codes `[L', T', B]` of the pictures of one view; missing pictures are black.
 
         Raises:
-            DataError: names the file that is broken, or unlike the first one.
+            DataError: a picture is damaged, or unlike the first one.
         """
         height, width = self.size
         texels = None if part.texels is None else part.texels.numpy()
         count = height * width if texels is None else len(texels)
         codes = np.zeros((len(names), count, self.width), dtype=self.dtype)
-        present = [place for place, name in enumerate(names) if name is not None]
-        files = [names[place] for place in present]
-        for place, name, payload in zip(present, files, archive.read(files), strict=True):
+        present = {place: name for place, name in enumerate(names) if name is not None}
+        payloads = archive.read(list(present.values()))
+        for (place, name), payload in zip(present.items(), payloads, strict=True):
             try:
                 picture = self._decode_one(payload, name)
             except DECODE_ERRORS as error:
@@ -180,6 +190,7 @@ class PictureSet:
         return codes
 
     def _decode_one(self, payload: bytes, name: str) -> np.ndarray:
+        """Codes `[H, W, B]` of a picture that must be like the first one."""
         codes = _codes(self.codec, payload)
         if codes.shape[:2] != self.size:
             raise DataError(
@@ -192,23 +203,23 @@ class PictureSet:
                 return codes.astype(self.dtype)
             raise DataError(
                 f"picture {name!r} in {self.path} has values of {codes.dtype}; expected "
-                f"{self.dtype} like the first one; store all pictures in one way."
+                f"{self.dtype} like the first one; store all pictures alike."
             )
         return codes
 
 
 def _codes(codec: Codec, payload: bytes) -> np.ndarray:
-    """Codes `[H, W, B]` of a picture that the codec must know."""
+    """Codes `[H, W, B]` of a picture; a ValueError if it is of another codec."""
     if not codec.accepts(payload):
         raise ValueError(f"it is not stored like the first one, as {codec.TITLE}")
     return codec.decode(payload)
 
 
 def _fingerprint(path: Path, names: Sequence[str]) -> list[tuple[str, int | str]]:
-    """Names and content hashes of some files; a zip keeps its own.
+    """Names of some files with hashes of their content, or the checksums of a zip.
 
     Raises:
-        DataError: a file is not there any more.
+        DataError: a file cannot be read any more.
     """
     try:
         if path.is_dir():

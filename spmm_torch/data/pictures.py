@@ -1,4 +1,4 @@
-"""Folders and zips of pictures whose names tell the directions, as in UBO2003 and ATRIUM."""
+"""Folders and zips of pictures that are named by their directions, as in UBO2003 and ATRIUM."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from torch import Tensor
 from ..errors import DataError
 from ..geometry.directions import direction_from_angles
 
-Direction = tuple[float, float]  # (theta, phi) in degrees, as the names give them
+Direction = tuple[float, float]  # (theta, phi) in degrees, as in file names
 
 # "tl015", "pv_60", "tv 7.5": theta or phi of light or view, then degrees.
 ANGLE = re.compile(r"(?<![a-z])([tp][lv])[ _]*(-?\d+(?:\.\d+)?)", re.IGNORECASE)
@@ -26,9 +26,11 @@ ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError,
 
 @dataclass(frozen=True)
 class PictureGrid:
-    """Every light under every view: directions by (theta, phi), files by d = view * L + light.
+    """The pictures of every light under every view.
 
-    A pair without a picture has None for its file.
+    Attributes:
+        view, light: directions (theta, phi) in degrees, V and L of them.
+        files: file names in the order d = view * L + light; None for a pair without a picture.
     """
 
     view: tuple[Direction, ...]
@@ -37,12 +39,12 @@ class PictureGrid:
 
     @property
     def first(self) -> str:
-        """The first file that is there."""
+        """The name of the first picture."""
         return next(name for name in self.files if name is not None)
 
     @property
     def missing(self) -> Tensor | None:
-        """Which pairs have no picture, `[V, L]` bool; None if all have one."""
+        """Whether each pair lacks a picture, `[V, L]` bool; None if none does."""
         if None not in self.files:
             return None
         flat = torch.tensor([name is None for name in self.files])
@@ -50,20 +52,24 @@ class PictureGrid:
 
 
 class Archive:
-    """Reads members of a zip or files of a folder; safe to share between threads."""
+    """Reader of the members of a zip or the files of a folder; threads may share it."""
 
     def __init__(self, path: Path, handle: zipfile.ZipFile | None) -> None:
         self._path = path
         self._handle = handle
-        # A ZipFile counts its readers without a lock of its own.
+        # A ZipFile does not lock the count of its readers.
         self._lock = threading.Lock()
 
     def read(self, names: Sequence[str]) -> list[bytes]:
-        """The contents of some files, in one turn."""
+        """The contents of some files, read in one go.
+
+        Raises:
+            DataError: a file cannot be read.
+        """
         if self._handle is None:
             return [self._read_file(name) for name in names]
         with self._lock:
-            return [self._read_member(name) for name in names]
+            return [self._read_member(self._handle, name) for name in names]
 
     def _read_file(self, name: str) -> bytes:
         try:
@@ -71,9 +77,9 @@ class Archive:
         except OSError as error:
             raise unreadable(self._path, name, error) from error
 
-    def _read_member(self, name: str) -> bytes:
+    def _read_member(self, handle: zipfile.ZipFile, name: str) -> bytes:
         try:
-            return self._handle.read(name)
+            return handle.read(name)
         except (*ZIP_ERRORS, OSError, KeyError) as error:
             raise unreadable(self._path, name, error) from error
 
@@ -88,7 +94,11 @@ def unreadable(path: Path, name: str, error: Exception) -> DataError:
 
 @contextmanager
 def open_archive(path: Path) -> Iterator[Archive]:
-    """Open a folder or a zip for reading."""
+    """Opens a folder or a zip for reading.
+
+    Raises:
+        DataError: the zip is damaged.
+    """
     if path.is_dir():
         yield Archive(path, None)
         return
@@ -97,7 +107,11 @@ def open_archive(path: Path) -> Iterator[Archive]:
 
 
 def open_zip(path: Path) -> zipfile.ZipFile:
-    """Open a zip; a damaged one is a DataError."""
+    """Opens a zip for reading.
+
+    Raises:
+        DataError: the zip is damaged or cannot be read.
+    """
     try:
         return zipfile.ZipFile(path)
     except (*ZIP_ERRORS, OSError) as error:
@@ -108,7 +122,11 @@ def open_zip(path: Path) -> zipfile.ZipFile:
 
 
 def list_files(path: Path) -> list[str]:
-    """Names of all files of a zip or folder, relative, sorted; hidden and Mac files left out."""
+    """Sorted relative names of the files of a zip or folder, without hidden and macOS files.
+
+    Raises:
+        DataError: the zip is damaged or cannot be read.
+    """
     if path.is_dir():
         names = [file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file()]
     else:
@@ -122,9 +140,9 @@ def _is_hidden(name: str) -> bool:
 
 
 def parse_angles(name: str) -> tuple[Direction, Direction] | None:
-    """The (view, light) directions that a file name tells, in degrees; None if it tells none.
+    """The directions (view, light) in a file name, in degrees; None if there are none.
 
-    Only the base name counts. The four angles come in any order, with any number of digits.
+    Only the base name counts. Its four angles are in any order, with any number of digits.
     """
     found = ANGLE.findall(name.rpartition("/")[2])
     angle = {key.lower(): float(value) for key, value in found}
@@ -134,26 +152,26 @@ def parse_angles(name: str) -> tuple[Direction, Direction] | None:
 
 
 def material_name(path: Path) -> str:
-    """A short name for what lies at a path."""
+    """A short name of the material at a path: that of the folder, or of the file without suffix."""
     resolved = path.resolve()
     return resolved.name if resolved.is_dir() else resolved.stem
 
 
 def _direction(theta: float, phi: float) -> Direction:
-    """At the pole every azimuth is the same direction, and so are azimuths 360 degrees apart."""
+    """The direction with an azimuth in [0, 360) degrees, 0 at the pole."""
     return theta, (0.0 if theta == 0.0 else phi % 360.0)
 
 
 def arrange(names: Iterable[str], path: Path, mask: bool = False) -> PictureGrid:
-    """Sort pictures into the full product of their views and lights.
+    """Arranges pictures by all pairs of their views and lights.
 
     Args:
-        names: of the pictures.
-        path: where they lie, for messages.
+        names: file names of the pictures.
+        path: zip or folder of the pictures, for messages.
         mask: whether pairs may be missing.
 
     Raises:
-        DataError: a pair of directions is there twice or not at all, or under the horizon.
+        DataError: a direction pair is missing or there twice, or a direction is below the horizon.
     """
     files: dict[tuple[Direction, Direction], str] = {}
     for name in names:
@@ -164,7 +182,7 @@ def arrange(names: Iterable[str], path: Path, mask: bool = False) -> PictureGrid
         if pair in files:
             raise DataError(
                 f"{path} holds {_describe(pair)} twice, as {files[pair]!r} and {name!r}; expected "
-                f"each pair of directions once; remove one of them, or split two materials."
+                f"each direction pair once; remove one of them, or split two materials."
             )
         files[pair] = name
     view = tuple(sorted({pair[0] for pair in files}))
@@ -191,6 +209,7 @@ def _check_above_horizon(pair: tuple[Direction, Direction], name: str, path: Pat
 
 
 def _describe(pair: tuple[Direction, Direction]) -> str:
+    """The pair (view, light) in words."""
     (view_theta, view_phi), (light_theta, light_phi) = pair
     return (
         f"the pair light (theta {light_theta:g}, phi {light_phi:g}), "
@@ -199,6 +218,6 @@ def _describe(pair: tuple[Direction, Direction]) -> str:
 
 
 def unit_vectors(directions: Sequence[Direction]) -> Tensor:
-    """Unit vectors `[N, 3]` float32 of angles in degrees."""
+    """Unit vectors `[N, 3]` float32 of N directions in degrees."""
     theta, phi = torch.deg2rad(torch.tensor(directions, dtype=torch.float64)).unbind(-1)
     return direction_from_angles(theta, phi).float()

@@ -1,4 +1,4 @@
-"""Readers of BTFs: one module or package for each file format, as `Reader` says.
+"""Readers of BTFs: one module or package for each file format, with the names of `Reader`.
 
 A new format is one module and one line in `NAMES`.
 """
@@ -17,7 +17,7 @@ from .btf import BTF
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .selection import Selection, select_part
 
-# In the order in which they are asked; the first one that accepts a path reads it.
+# The first reader in this order that accepts a path reads it.
 NAMES = (
     "ubo2014",
     "npz",
@@ -27,22 +27,22 @@ SAMPLE_NAME = "WEAVE40.zip"
 
 
 class Reader(Protocol):
-    """The names that the module of a reader holds."""
+    """The names in the module of a reader."""
 
     @property
     def EXPECTED(self) -> str:  # noqa: N802
-        """What it reads, in words that fit into "expected A, B or C"."""
+        """Its format in words that fit into "expected A, B or C"."""
         ...
 
     def accepts(self, path: Path) -> bool:
-        """Whether a file or folder is of this format: by its content, not by its name."""
+        """Whether a file or folder has this format, by its content rather than its name."""
         ...
 
     def read(self, path: Path | str, options: ReadOptions) -> BTF:
-        """The BTF of a path: looks at headers only, values are decoded at first use.
+        """The BTF at a path; reads only headers, as values are decoded at first use.
 
         Raises:
-            DataError: malformed; one sentence says what, where and what to do.
+            DataError: the data are malformed; one sentence says what, where and what to do.
         """
         ...
 
@@ -60,35 +60,36 @@ def load_btf(
     seed: int = 0,
     **changes: Any,
 ) -> BTF:
-    """Open a BTF of any known format; its values are decoded at first use.
+    """Opens a BTF of any known format; its values are decoded at first use.
 
     Args:
-        path: a zip, folder, `.btf` or NPZ.
-        options: how to read it.
-        selection: the part to take; all of it by default.
-        seed: of the choice of texels, where a selection asks for a number of them.
-        changes: fields of `ReadOptions` that differ from `options`: `load_btf(path, gamma=1.0)`.
+        path: a zip, folder, `.btf` or NPZ file.
+        options: options of the reader.
+        selection: part to take; None: all of it.
+        seed: seed of the random choice of texels, if the selection has a number of them.
+        changes: fields of `options` to change, as in `load_btf(path, gamma=1.0)`.
 
     Raises:
-        DataError: nothing there, no known format, or malformed.
-        ConfigError: an option out of its range.
+        DataError: there is nothing, of no known format, malformed, or without the selected part.
+        ConfigError: an option or the selection is malformed or out of its range.
     """
     btf = _read(path, replace(options, **changes))
     return btf if selection is None else select_part(btf, selection, seed)
 
 
 def load_input(path: Path | str, settings: DataConfig, seed: int = 0) -> BTF:
-    """The part of a BTF that the settings of a fit name, read as they say.
+    """The BTF at a path, or a part of it, as the settings of a fit say.
 
     Raises:
-        DataError: nothing there, no known format, malformed, or without that part.
+        DataError: there is nothing, of no known format, malformed, or without that part.
+        ConfigError: a setting is malformed.
     """
     options, selection = ReadOptions.of(settings), Selection.of(settings)
     return load_btf(path, options, selection=selection, seed=seed)
 
 
 def sample_path() -> Path:
-    """The bundled sample: 40 x 40 texels of a path-traced plain weave, UBO2003 format."""
+    """The path of the bundled sample, 40 x 40 texels of a path-traced plain weave (UBO2003)."""
     return Path(__file__).parent / "sample" / SAMPLE_NAME
 
 
@@ -116,7 +117,7 @@ def _expected() -> str:
 
 
 def _complaint(path: Path) -> str:
-    """Why no reader accepts a path that exists."""
+    """The reason why no reader accepts a path that exists."""
     if path.is_dir():
         return "is an empty folder" if not any(path.iterdir()) else "holds no BTF pictures"
     if zipfile.is_zipfile(path):

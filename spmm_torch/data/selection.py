@@ -1,4 +1,4 @@
-"""Which part of a BTF to take: for quick looks, and for scenes that need no more."""
+"""Selection of a part of a BTF, for quick looks and for scenes that need no more."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ..config.fit import DataConfig
 from ..errors import ConfigError, DataError
 from .btf import BTF
 
-# Polar angles that differ by less than this are one ring: 0.1 degree, as the formats round.
+# Largest difference of the polar angles of a ring: 0.1 degree, to which formats round.
 RING_TOLERANCE = math.radians(0.1)
-# Numbers of directions: one, or the first and the last.
+# Indices of directions: one, or the first and the last.
 INDICES = re.compile(r"\s*(\d{1,9})\s*(?:-\s*(\d{1,9})\s*)?")
 DIRECTIONS_HELP = (
     "expected a number K for every K-th ring of polar angles, a list of polar angles in degrees "
@@ -25,11 +25,11 @@ DIRECTIONS_HELP = (
 
 @dataclass(frozen=True)
 class Selection:
-    """A part of a BTF, as settings and the command line name it.
+    """A part of a BTF, as in settings and on the command line.
 
     Args:
-        crop: (x0, y0, width, height) in texels, from the top left; None: all.
-        texels: how many texels to keep, one of each cell of a regular grid; None: all.
+        crop: rectangle (x0, y0, width, height) in texels, from the top left; None: all.
+        texels: approximate number of texels, one from each cell of a regular grid; None: all.
         directions: every K-th ring, polar angles or indices, see `DIRECTIONS_HELP`; None: all.
     """
 
@@ -39,7 +39,7 @@ class Selection:
 
     @classmethod
     def of(cls, settings: DataConfig) -> Selection:
-        """The part that the settings of a fit name."""
+        """The part in the settings of a fit."""
         return cls(settings.crop, settings.texels, settings.directions)
 
 
@@ -47,13 +47,13 @@ def select_part(btf: BTF, selection: Selection, seed: int = 0) -> BTF:
     """The selected part of a BTF; nothing is decoded.
 
     Args:
-        btf: the whole.
-        selection: what to keep.
-        seed: of the choice of texels.
+        btf: whole BTF.
+        selection: part to keep.
+        seed: seed of the random choice of texels.
 
     Raises:
-        ConfigError: a selection that is malformed.
-        DataError: a selection that the BTF does not have.
+        ConfigError: the selection is malformed.
+        DataError: the BTF has no such part.
     """
     if selection.crop is not None:
         btf = _cropped(btf, selection.crop)
@@ -86,7 +86,7 @@ def _cropped(btf: BTF, crop: tuple[int, ...]) -> BTF:
 
 
 def _thinned(btf: BTF, count: int, seed: int) -> BTF:
-    """One random texel of each cell of a grid of about `count` cells: still a picture."""
+    """One random texel from each cell of a grid of about `count` cells, as a picture."""
     if count < 1:
         raise ConfigError(f"texels is {count}; expected a number of at least 1.")
     if count >= btf.texel_count:
@@ -99,7 +99,7 @@ def _thinned(btf: BTF, count: int, seed: int) -> BTF:
 
 
 def _grid_of(count: int, height: int, width: int) -> tuple[int, int]:
-    """Rows and columns of a grid of about `count` cells shaped like a picture.
+    """Rows and columns of a grid of about `count` cells, in the shape of a picture.
 
     The short side is rounded first, so that the long one can make up for it.
     """
@@ -111,14 +111,14 @@ def _grid_of(count: int, height: int, width: int) -> tuple[int, int]:
 
 
 def _jittered(size: int, cells: int, columns: int, generator: torch.Generator) -> Tensor:
-    """A random position inside each of `cells` equal parts of `size`, `[cells, columns]`."""
+    """Random positions `[cells, columns]` in each of `cells` equal parts of `size`."""
     edge = torch.arange(cells + 1) * size // cells
     low, span = edge[:-1, None], edge.diff()[:, None]
     return low + (torch.rand(cells, columns, generator=generator) * span).long()
 
 
 def _directions(btf: BTF, text: str) -> tuple[Tensor, Tensor]:
-    """Indices of the views and lights that a text names."""
+    """Indices `[V']` of the views and `[L']` of the lights that a text names."""
     if "=" in text:
         return _by_index(btf, text)
     try:
@@ -139,12 +139,13 @@ def _directions(btf: BTF, text: str) -> tuple[Tensor, Tensor]:
 
 
 def _polar(directions: Tensor) -> Tensor:
+    """Polar angles `[N]` of directions `[N, 3]`, in radians."""
     exact = directions.double()
     return torch.atan2(exact[:, :2].norm(dim=1), exact[:, 2])
 
 
 def _every_ring(directions: Tensor, step: int) -> Tensor:
-    """Directions of every `step`-th ring, from the one nearest to the pole."""
+    """Indices of `directions [N, 3]` on every `step`-th ring, from the pole."""
     polar = _polar(directions)
     order = polar.argsort(stable=True)
     ring = torch.zeros(len(polar), dtype=torch.long)
@@ -153,6 +154,7 @@ def _every_ring(directions: Tensor, step: int) -> Tensor:
 
 
 def _at_polar(directions: Tensor, wanted: Tensor, text: str, kind: str) -> Tensor:
+    """Indices of `directions [N, 3]` at one of the `wanted` polar angles `[n]`, in radians."""
     distance = (_polar(directions)[:, None] - wanted).abs()  # [N, polar angles]
     missing = distance.amin(0) > RING_TOLERANCE
     if missing.any():
@@ -166,6 +168,7 @@ def _at_polar(directions: Tensor, wanted: Tensor, text: str, kind: str) -> Tenso
 
 
 def _by_index(btf: BTF, text: str) -> tuple[Tensor, Tensor]:
+    """Indices `[V']` and `[L']` in a text such as `views=0,4-8;lights=0-20`."""
     counts = {"views": len(btf.view), "lights": len(btf.light)}
     chosen = {key: torch.arange(count) for key, count in counts.items()}
     for assignment in text.split(";"):
@@ -186,7 +189,7 @@ def _by_index(btf: BTF, text: str) -> tuple[Tensor, Tensor]:
 
 
 def _ranges(numbers: str, text: str) -> list[tuple[int, int]]:
-    """`0,4-8` as pairs (first, last)."""
+    """Ranges (first, last) in a text such as `0,4-8`."""
     ranges = []
     for part in numbers.split(","):
         match = INDICES.fullmatch(part)

@@ -1,4 +1,4 @@
-"""What a reader gives to a `BTF` besides its header."""
+"""Stores: the values of a BTF, which its reader opens."""
 
 from __future__ import annotations
 
@@ -14,55 +14,69 @@ from ..errors import DataError
 from ..runtime.memory import slices
 from .codes import Codes, Expansion, Index
 
-Progress = Callable[[int, int], None]  # (views done, views in all)
+Progress = Callable[[int, int], None]  # called with (units done, number of units)
 
 
 class Store(Protocol):
-    """Linear values, however they are kept."""
+    """Linear values of a BTF, however they are stored."""
 
-    is_hdr: bool
+    @property
+    def is_hdr(self) -> bool:
+        """Whether a value may exceed 1."""
+        ...
 
     def texels(self, index: Index, device: torch.device | str) -> Tensor:
-        """Linear values `[n, D, C]` float32 of some texels, on a device."""
+        """Values `[n, D, C]` float32 of some texels, on a device."""
         ...
 
     def signals(self, index: Index, device: torch.device | str) -> Tensor:
-        """The same channels first, `[n, C, D]`, contiguous."""
+        """Values `[n, C, D]` float32 of some texels, contiguous, on a device."""
         ...
 
     def pairs(self, start: int, stop: int) -> Tensor:
-        """Linear values `[T, stop - start, C]` float32 of consecutive pairs, on the CPU."""
+        """Values `[T, stop - start, C]` float32 of consecutive direction pairs, on the CPU."""
         ...
 
 
 @dataclass(frozen=True)
 class CodeStore:
-    """Values kept as codes."""
+    """Values that are stored as codes.
+
+    Attributes:
+        codes: codes `[T, D, B]`.
+        expand: expansion of the codes to values.
+        is_hdr: whether a value exceeds 1.
+    """
 
     codes: Codes
     expand: Expansion
     is_hdr: bool
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
-        return self.expand(self.codes.rows(index).to(device))  # codes travel, not floats
+        """Values `[n, D, C]`; see `Store.texels`."""
+        return self.expand(
+            self.codes.rows(index).to(device)
+        )  # codes are smaller to send than floats
 
     def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        """Values `[n, C, D]`; see `Store.signals`."""
         codes = self.codes.rows(index).to(device)
         if self.expand.elementwise:  # codes are smaller than values
             return self.expand(codes.transpose(1, 2).contiguous())
         return self.expand(codes).transpose(1, 2).contiguous()
 
     def pairs(self, start: int, stop: int) -> Tensor:
+        """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.expand(self.codes.columns(start, stop))
 
 
 @dataclass(frozen=True)
 class CosineStore:
-    """Another store's values, multiplied by the cosine of the light.
+    """The values of another store, multiplied by the cosine of the light.
 
     Attributes:
         values: the other store.
-        cosine: of the light of each pair, `[D]`.
+        cosine: cosine of the light of each direction pair, `[D]`.
     """
 
     values: Store
@@ -70,30 +84,33 @@ class CosineStore:
 
     @property
     def is_hdr(self) -> bool:
-        """Whether values may exceed 1."""
+        """Whether a value of the other store may exceed 1."""
         return self.values.is_hdr
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        """Values `[n, D, C]`; see `Store.texels`."""
         return self.values.texels(index, device) * self.cosine[:, None].to(device)
 
     def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        """Values `[n, C, D]`; see `Store.signals`."""
         return self.values.signals(index, device) * self.cosine.to(device)
 
     def pairs(self, start: int, stop: int) -> Tensor:
+        """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.values.pairs(start, stop) * self.cosine[start:stop, None]
 
 
 @dataclass(frozen=True)
 class Loading:
-    """How a BTF is to be decoded.
+    """Options of the decoding of a BTF.
 
     Attributes:
-        progress: told (views done, views in all).
-        memory: bytes that decoded values may take; what needs more goes to the cache. None: any
+        progress: called with (views done, number of views).
+        memory: bytes that decoded values may take in memory; more go to the cache. None: any
             number.
-        cache: folder for decoded values. If it is given they go there whatever their size; None:
-            the user's own cache folder, if need be.
-        negative: of values below zero: "refuse", "clip" to zero, or "keep" them.
+        cache: folder for decoded values of any size; None: the user's cache folder, and only for
+            values that exceed `memory`.
+        negative: treatment of values below zero: "refuse", "clip" to zero, or "keep".
     """
 
     progress: Progress | None = None
@@ -104,11 +121,11 @@ class Loading:
 
 @dataclass(frozen=True)
 class Part:
-    """The part of a BTF that is to be decoded; None: all of them.
+    """The part of a source that a BTF holds.
 
     Attributes:
-        texels: indices `[T']` into the texels of the source.
-        views, lights: indices into its views and lights.
+        texels: indices `[T']` of texels of the source; None: all.
+        views, lights: indices `[V']`, `[L']` of directions of the source; None: all.
     """
 
     texels: Tensor | None = None
@@ -125,7 +142,11 @@ WHOLE = Part()
 
 
 def check_not_black(maximum: float, where: str) -> None:
-    """Refuse a BTF that reflects nothing: no model, and no error in decibels, exists for it."""
+    """Refuses a BTF without reflection, for which there is no model and no error in decibels.
+
+    Raises:
+        DataError: the maximum of the values is not positive.
+    """
     if maximum <= 0.0:
         raise DataError(
             f"{where} is all black; expected at least one value above zero; "
@@ -134,6 +155,6 @@ def check_not_black(maximum: float, where: str) -> None:
 
 
 def float_chunks(store: Store, texel_count: int, chunk: int) -> Iterator[Tensor]:
-    """All values of a store in blocks of `chunk` texels, `[n, D, C]` each."""
+    """All values of a store, `[n, D, C]` for each block of `chunk` texels."""
     for block in slices(texel_count, chunk):
         yield store.texels(block, "cpu")

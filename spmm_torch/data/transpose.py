@@ -1,4 +1,4 @@
-"""From pictures, one view after another, to texel-major codes in memory or in the cache."""
+"""Transposition of pictures, view by view, to texel-major codes in memory or in the cache."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from .cache import CacheEntry, entry_key
 from .codes import Codes, Expansion, FileCodes, MemoryCodes
 from .store import CodeStore, Loading, check_not_black
 
-# Memory for the pictures of several views where no limit was given: 1 GiB.
+# Bytes of a band of views where no limit of memory was given: 1 GiB.
 DEFAULT_BAND_BYTES = 1 << 30
-# A part of the memory that a band may take: decoding and transposing need some beside it.
-BAND_SHARE = 0.5
-
+# Fraction of the memory that a band may take: decoding and transposing need some beside it.
+BAND_FRACTION = 0.5
 # Texels that are transposed at once.
 TRANSPOSED_TEXELS = 512
 
@@ -29,17 +28,17 @@ Place = Callable[[int, np.ndarray], None]  # (view, its codes [L, T, B])
 
 @dataclass(frozen=True)
 class ViewSource:
-    """What a format gives that keeps one picture after another.
+    """A source that is decoded view by view.
 
     Attributes:
-        where: how messages call it.
-        shape: (V, L, T, B), B code elements a pixel.
-        dtype: of the codes.
-        expand: how codes become values.
+        where: name of the source in messages.
+        shape: (V, L, T, B) with B code elements a pixel.
+        dtype: type of the codes.
+        expand: expansion of the codes to values.
         decode: `decode(views, place)` calls `place(view, codes)` once for each of some ascending
             views, from any thread and in any order.
-        key: the name of these very codes in a cache.
-        columns: width of the pictures if their texels lie row by row; 0 if they do not.
+        key: function that gives the name of these codes in the cache.
+        columns: width of the pictures if texels are stored row by row; else 0.
     """
 
     where: str
@@ -52,18 +51,18 @@ class ViewSource:
 
     @property
     def view_bytes(self) -> int:
-        """Size of the codes of one view."""
+        """Bytes of the codes of one view."""
         _, lights, texels, width = self.shape
         return lights * texels * width * self.dtype.itemsize
 
     @property
     def total_bytes(self) -> int:
-        """Size of all codes."""
+        """Bytes of all codes."""
         return self.shape[0] * self.view_bytes
 
 
 def open_store(source: ViewSource, loading: Loading) -> CodeStore:
-    """Decodes all views, or finds them in the cache.
+    """The store of all views, decoded or found in the cache.
 
     Raises:
         DataError: a picture cannot be decoded, a value is not valid, or all are zero.
@@ -79,6 +78,7 @@ def open_store(source: ViewSource, loading: Loading) -> CodeStore:
 
 
 def _into_memory(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
+    """All codes in memory, and the highest value."""
     views, lights, texels, width = source.shape
     codes = np.empty((texels, views * lights, width), dtype=source.dtype)  # [T, D, B]
     placed = _Placed(source, loading, codes, first=0)
@@ -87,13 +87,16 @@ def _into_memory(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
 
 
 def _into_cache(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
-    """Goes through bands of views that fit in memory; finished bands outlast a kill."""
+    """All codes in the cache, and the highest value.
+
+    Views are decoded in bands that fit in memory; a killed run resumes after its last band.
+    """
     views, lights, texels, width = source.shape
-    budget = loading.memory * BAND_SHARE if loading.memory is not None else DEFAULT_BAND_BYTES
+    budget = loading.memory * BAND_FRACTION if loading.memory is not None else DEFAULT_BAND_BYTES
     size = int(min(max(budget // source.view_bytes, 1), views))
     shape = (texels, views * lights, width)
     key = source.key()
-    if loading.negative != "refuse":  # other codes, or such as are not to be had by other settings
+    if loading.negative != "refuse":  # codes that other settings would clip, or refuse
         key = entry_key((key, loading.negative))
     with CacheEntry.open(loading.cache, key, source.where, shape, source.dtype) as entry:
         if not entry.complete:
@@ -112,7 +115,7 @@ def _into_cache(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
 
 
 class _Placed:
-    """Puts the pictures of each view of a band into its texel-major codes."""
+    """The texel-major codes `[T, d, B]` of a band; called with the pictures of each view."""
 
     def __init__(self, source: ViewSource, loading: Loading, codes: np.ndarray, first: int) -> None:
         self.source, self.progress, self.negative = source, loading.progress, loading.negative
@@ -121,6 +124,7 @@ class _Placed:
         self._lock = threading.Lock()
 
     def __call__(self, view: int, pictures: np.ndarray) -> None:
+        """Checks the pictures `[L, T, B]` of a view and puts them into the band."""
         lowest = 0.0 if self.negative == "refuse" else -math.inf
         highest = _checked_highest(self.source, view, pictures, lowest)
         if self.negative == "clip" and pictures.dtype.kind == "f":
@@ -136,7 +140,7 @@ class _Placed:
 
 
 def _checked_highest(source: ViewSource, view: int, pictures: np.ndarray, lowest: float) -> float:
-    """The highest value of one view's codes `[L, T, B]`: all finite, and none under `lowest`."""
+    """The highest value of a view's codes `[L, T, B]`: all finite, and none below `lowest`."""
     codes = torch.from_numpy(pictures)
     low, high = source.expand.bounds(codes)
     if low >= lowest and low > -math.inf and high < math.inf:  # False for NaN
@@ -160,9 +164,10 @@ def _checked_highest(source: ViewSource, view: int, pictures: np.ndarray, lowest
 
 
 def transpose_into(target: np.ndarray, pictures: np.ndarray) -> None:
-    """Writes codes `[L, T, B]` to `target [T, L, B]`, all B elements of a pixel at a time.
+    """Writes codes `[L, T, B]` to `target [T, L, B]`.
 
-    By way of blocks that the cache of a core holds: rows of the target lie far apart.
+    It works in blocks that fit in the cache of a core, as rows of the target are far apart, and
+    moves all B elements of a pixel at a time.
     """
     pixel = f"V{pictures.shape[-1] * pictures.itemsize}"
     source, rows = pictures.view(pixel)[..., 0], target.view(pixel)[..., 0]

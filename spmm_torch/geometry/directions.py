@@ -1,6 +1,6 @@
-"""The conventions page: directions, frames, texels.
+"""Conventions of directions, frames and texels.
 
-* z is the surface normal. `wi` (light) and `wo` (view) are unit and point away from the surface.
+* z is the surface normal. `wi` (light) and `wo` (view) are unit vectors away from the surface.
 * Angles are radians; degrees appear only in file names and on the command line.
 * theta is polar from z, phi counter-clockwise from +x seen from +z:
   `(theta, phi) = (pi/2, 0)` is +x, `(pi/2, pi/2)` is +y.
@@ -16,11 +16,12 @@ import math
 import torch
 from torch import Tensor
 
-# A normal is kept this far above the horizon: at the horizon itself a lobe lights nothing.
+# Largest polar angle of a lobe's normal: at the horizon a lobe would light nothing.
 MAX_TILT = math.radians(85.0)
-# Square of the radius that MAX_TILT has on the equal-area disk: r^2 = 1 - cos(theta).
+# Radius of MAX_TILT on the equal-area disk, where r^2 = 1 - cos(theta).
 MAX_DISK_RADIUS = math.sqrt(1.0 - math.cos(MAX_TILT))
 
+# Rings of measured directions, (polar angle in degrees, number of directions).
 UBO2003_RINGS = ((0.0, 1), (15.0, 6), (30.0, 12), (45.0, 18), (60.0, 20), (75.0, 24))
 UBO2014_RINGS = (
     (0.0, 1),
@@ -37,7 +38,7 @@ UBO2014_RINGS = (
 
 
 def direction_from_angles(theta: Tensor, phi: Tensor) -> Tensor:
-    """Unit vectors `[..., 3]` of polar angle theta `[...]` and azimuth phi `[...]`, radians."""
+    """Unit vectors `[..., 3]` of polar angle theta `[...]` and azimuth phi `[...]`, in radians."""
     sin_theta = torch.sin(theta)
     return torch.stack(
         (sin_theta * torch.cos(phi), sin_theta * torch.sin(phi), torch.cos(theta)), dim=-1
@@ -45,7 +46,7 @@ def direction_from_angles(theta: Tensor, phi: Tensor) -> Tensor:
 
 
 def ring_directions(rings: tuple[tuple[float, int], ...] = UBO2003_RINGS) -> Tensor:
-    """The directions `[N, 3]` of rings given as (polar degrees, count), azimuths from 0."""
+    """Unit vectors `[N, 3]` of rings (polar angle in degrees, count), with azimuths from 0."""
     angles = [
         (math.radians(polar), 2.0 * math.pi * step / count)
         for polar, count in rings
@@ -63,9 +64,9 @@ def direction_pairs(light: Tensor, view: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def angular_spacing(directions: Tensor) -> float:
-    """Median angle in radians from each direction of `[N, 3]` to its nearest neighbour.
+    """Median angle in radians from each of `directions [N, 3]` to its nearest neighbour.
 
-    A single direction has no neighbour: pi/2 is returned.
+    The result is pi/2 for a single direction, which has no neighbour.
     """
     if directions.shape[0] < 2:
         return math.pi / 2.0
@@ -76,8 +77,8 @@ def angular_spacing(directions: Tensor) -> float:
 def normal_from_disk(disk: Tensor) -> Tensor:
     """Normals `[..., 3]` of points `[..., 2]` on Lambert's equal-area disk, |disk| <= 1.
 
-    The map is smooth and its gradient finite over the whole closed upper hemisphere, which is
-    why the search moves normals in it.
+    The map is smooth, with a finite gradient over the whole closed upper hemisphere; therefore the
+    search moves normals on the disk.
     """
     x, y = disk.unbind(-1)
     squared = x * x + y * y
@@ -91,7 +92,7 @@ def disk_from_normal(normal: Tensor) -> Tensor:
 
 
 def project_disk(disk: Tensor) -> Tensor:
-    """The nearest points `[..., 2]` whose normals are tilted by MAX_TILT at most."""
+    """The points `[..., 2]` nearest to `disk [..., 2]` with normals tilted by at most MAX_TILT."""
     radius = disk.norm(dim=-1, keepdim=True)
     return disk * (MAX_DISK_RADIUS / radius.clamp(min=MAX_DISK_RADIUS))
 
@@ -99,8 +100,8 @@ def project_disk(disk: Tensor) -> Tensor:
 def frame_from_normal(normal: Tensor, angle: Tensor) -> Tensor:
     """Rotations `[..., 3, 3]` from global to local coordinates.
 
-    Rows are tangent, bitangent and normal. The frame is the shortest rotation of the global one
-    that takes z to `normal [..., 3]`, then turned about the normal by `angle [...]` (radians,
+    Rows are tangent, bitangent and normal. The global frame is rotated along the shortest way that
+    takes z to `normal [..., 3]`, then about the normal by `angle [...]` (radians,
     counter-clockwise).
     """
     x, y, z = normal.unbind(-1)
@@ -114,7 +115,7 @@ def frame_from_normal(normal: Tensor, angle: Tensor) -> Tensor:
 
 
 def hemisphere_spiral(count: int, max_theta: float = MAX_TILT) -> Tensor:
-    """`count` normals `[count, 3]`, evenly spread by area within `max_theta` of z (Fibonacci)."""
+    """Normals `[count, 3]` on a Fibonacci spiral, uniform by area up to `max_theta` (radians)."""
     step = torch.arange(count, dtype=torch.float64)
     cos_theta = 1.0 - (step + 0.5) / count * (1.0 - math.cos(max_theta))
     golden = math.pi * (3.0 - math.sqrt(5.0))
@@ -122,19 +123,20 @@ def hemisphere_spiral(count: int, max_theta: float = MAX_TILT) -> Tensor:
 
 
 def texel_at(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """The four texels around uv `[..., 2]` and their bilinear weights; textures repeat.
+    """The four texels around uv `[..., 2]` and their bilinear weights; the texture repeats.
 
-    Returns (index `[..., 4]`, weight `[..., 4]`).
+    Returns:
+        (index `[..., 4]`, weight `[..., 4]`).
     """
     column = uv[..., 0] * width - 0.5
     row = (1.0 - uv[..., 1]) * height - 0.5
     left, top = torch.floor(column), torch.floor(row)
-    right_share, bottom_share = column - left, row - top
+    right, bottom = column - left, row - top  # weights
     left, top = left.long(), top.long()
     columns = torch.stack((left % width, (left + 1) % width), dim=-1)  # [..., 2]
     rows = torch.stack((top % height, (top + 1) % height), dim=-1)  # [..., 2]
-    across = torch.stack((1.0 - right_share, right_share), dim=-1)
-    down = torch.stack((1.0 - bottom_share, bottom_share), dim=-1)
+    across = torch.stack((1.0 - right, right), dim=-1)
+    down = torch.stack((1.0 - bottom, bottom), dim=-1)
     index = rows[..., :, None] * width + columns[..., None, :]  # [..., 2, 2]
     weight = down[..., :, None] * across[..., None, :]
     return index.flatten(-2), weight.flatten(-2)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..errors import OutputError
 
-# Zips of the same content are the same bytes.
+# Fixed time of zip members, so that zips of the same content are the same bytes.
 TIMESTAMP = (1980, 1, 1, 0, 0, 0)
 
 
@@ -34,7 +34,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_file(path: Path | str) -> Iterator[Path]:
-    """As `replacing`, with one sentence for people in place of the system's error.
+    """As `replacing`, with an OutputError in place of the system's error.
 
     Raises:
         OutputError: the file cannot be written.
@@ -45,7 +45,7 @@ def new_file(path: Path | str) -> Iterator[Path]:
 
 
 def write_atomic(path: Path, content: bytes) -> None:
-    """Writes a whole file or none.
+    """Writes the whole file or nothing.
 
     Raises:
         OSError: the file cannot be written.
@@ -75,16 +75,18 @@ def new_folder(path: Path | str) -> Iterator[Path]:
 
 
 def zip_member(name: str) -> zipfile.ZipInfo:
-    """An uncompressed member of a zip, with a fixed time."""
+    """The entry of an uncompressed zip member, with a fixed time."""
     return zipfile.ZipInfo(name, TIMESTAMP)
 
 
 def _temporary(target: Path) -> Path:
+    """A hidden name of this process beside the target."""
     return target.with_name(f".{target.name}.{os.getpid()}.tmp")
 
 
 @contextmanager
 def _output_errors(target: Path) -> Iterator[None]:
+    """Turns errors of the system into an OutputError."""
     try:
         yield
     except OSError as error:

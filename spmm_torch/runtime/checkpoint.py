@@ -1,4 +1,4 @@
-"""Checkpoints: finished stages on disk, so that a run that was killed goes on where it was."""
+"""Checkpoints: results of finished stages on disk, from which a killed run resumes."""
 
 from __future__ import annotations
 
@@ -19,16 +19,21 @@ from .atomic import write_atomic
 from .ranks import ALONE, Ranks
 from .stopwatch import Stopwatch
 
+# Key of the metadata: seconds by stage, as JSON.
 SECONDS = "seconds"
 
 
 class Stored(Protocol):
-    """What a stage yields: all of it in tensors."""
+    """The result of a stage, which tensors can hold."""
 
-    def to_tensors(self) -> dict[str, Tensor]: ...
+    def to_tensors(self) -> dict[str, Tensor]:
+        """The result as named tensors `[...]` of any shape and type."""
+        ...
 
     @classmethod
-    def from_tensors(cls, tensors: dict[str, Tensor]) -> Self: ...
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> Self:
+        """The result that `to_tensors` gave as `tensors`, `[...]` each."""
+        ...
 
 
 S = TypeVar("S", bound=Stored)
@@ -39,9 +44,9 @@ class Checkpoint:
     """The finished stages of one run.
 
     Attributes:
-        watch: gets the seconds of stages that an earlier process finished.
-        folder: where they lie; None keeps nothing.
-        ranks: the processes of the run; the first one writes.
+        watch: stopwatch, to which the seconds of stages of an earlier process are added.
+        folder: folder of the results; None: nothing is kept.
+        ranks: processes of the run; the first one writes.
     """
 
     watch: Stopwatch
@@ -52,9 +57,12 @@ class Checkpoint:
         """The result of stage `name`: read if an earlier process finished it, else computed.
 
         Args:
-            name: of the stage; also the name of its file.
+            name: name of the stage and of its file.
             kind: class of the result.
-            compute: makes the result; all ranks call it together.
+            compute: function that computes the result; all ranks call it together.
+
+        Raises:
+            OSError: the result cannot be written.
         """
         found = self.ranks.first(lambda: self._read(name))
         if found is not None:
@@ -75,7 +83,7 @@ class Checkpoint:
         write_atomic(self.folder / f"{name}.safetensors", content)
 
     def _read(self, name: str) -> tuple[dict[str, Tensor], dict[str, float]] | None:
-        """What an earlier process kept; None also where a fault of the disk has damaged it."""
+        """Tensors and seconds that an earlier process kept; None if missing or damaged."""
         if self.folder is None:
             return None
         try:
@@ -86,9 +94,9 @@ class Checkpoint:
 
 
 def stage_generator(seed: int, stage: str) -> torch.Generator:
-    """The source of randomness of one stage.
+    """The random generator of one stage.
 
-    Each has its own, so that a stage that is read instead of computed changes no other.
+    Each stage has its own, so that reading one instead of computing it changes no other.
     """
     digest = hashlib.blake2b(f"{seed}/{stage}".encode(), digest_size=8).digest()
     return torch.Generator().manual_seed(int.from_bytes(digest, "little") & (2**63 - 1))

@@ -1,4 +1,4 @@
-"""What a whole run carries: device, randomness, processes, time, progress, state and memory."""
+"""The context of a run: device, randomness, processes, time, progress, state and memory."""
 
 from __future__ import annotations
 
@@ -20,17 +20,18 @@ SILENT = Progress(enabled=False)
 
 @dataclass(frozen=True)
 class Context:
-    """What every stage of a run is given beside its data; only `device` and `seed` change results.
+    """What every stage needs besides its data; only `device` and `seed` change results.
 
     Attributes:
-        device: on which to work.
-        seed: of every random choice.
-        watch: tells the time by stage.
-        budget: of memory.
-        progress: who is told how far the run is; nobody by default.
-        ranks: the processes that share the run; all of them call every stage.
-        state: folder in which finished stages are kept, to go on from; None: nowhere.
-        cache: folder for decoded values; None: the user's own, only for what exceeds the memory.
+        device: device to compute on.
+        seed: seed of every random choice.
+        watch: stopwatch of the stages.
+        budget: memory that the run may take.
+        progress: receiver of the progress; silent by default.
+        ranks: processes that share the run; all of them call every stage.
+        state: folder for the results of finished stages, from which a run resumes; None: none.
+        cache: folder for decoded values; None: the user's cache folder, and only for a BTF that
+            exceeds the memory.
     """
 
     device: torch.device
@@ -58,14 +59,14 @@ class Context:
         """The context of a run.
 
         Args:
-            device: as `FitConfig.device` names it.
-            seed: of every random choice.
-            memory: bytes that the process may take; None: half of what is free.
-            watch: None: one of its own.
+            device: name of the device, as in `FitConfig.device`.
+            seed: seed of every random choice.
+            memory: bytes that the process may take; None: half of the free memory.
+            watch: stopwatch of the stages; None: a new one.
             progress, ranks, state, cache: see the attributes.
 
         Raises:
-            ConfigError: the device is not there.
+            ConfigError: there is no such device.
         """
         where = resolve_device(device)
         budget = Budget.build(memory, processes=local_count())
@@ -73,11 +74,15 @@ class Context:
         return cls(where, seed, watch, budget, progress, ranks, state, cache)
 
     def generator(self, stage: str) -> torch.Generator:
-        """The source of randomness of one stage."""
+        """The random generator of one stage, on the CPU."""
         return stage_generator(self.seed, stage)
 
     def once(self, name: str, kind: type[S], compute: Callable[[], S]) -> S:
-        """The result of a piece of work: read if it is kept, else computed and kept."""
+        """The result of a piece of work: read if it was kept, else computed and kept.
+
+        Raises:
+            OSError: the result cannot be written.
+        """
         return Checkpoint(self.watch, self.state, self.ranks).once(name, kind, compute)
 
     def stage(
@@ -89,14 +94,19 @@ class Context:
         unit: str,
         timed: str | None = None,
     ) -> S:
-        """The result of a stage: read if it is kept, else computed, timed, told and kept.
+        """The result of a stage: read if it was kept, else computed, timed and kept.
 
         Args:
-            name: of the stage.
+            name: name of the stage.
             kind: class of the result.
-            compute: makes the result and calls its argument with units done.
-            total, unit: how many units there are, and what is counted, in the plural.
-            timed: name under which the seconds count; None: that of the stage.
+            compute: function that computes the result, and calls its argument with the number of
+                units that are newly done.
+            total: number of units.
+            unit: what is counted, in the plural.
+            timed: name of the stage on the stopwatch; None: `name`.
+
+        Raises:
+            OSError: the result cannot be written.
         """
 
         def work() -> S:
@@ -107,5 +117,5 @@ class Context:
             return self.once(name, kind, work)
 
     def one_of(self, count: int) -> Context:
-        """The context of one of `count` pieces of work that run side by side."""
+        """The context of one of `count` pieces of work that run at the same time."""
         return replace(self, watch=self.watch.one_of(count))

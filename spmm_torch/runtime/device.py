@@ -1,10 +1,11 @@
-"""Where the work is done, and how exactly."""
+"""The device to compute on, and the precision of matrix products."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any, cast
 
 import torch
 
@@ -12,10 +13,10 @@ from ..errors import ConfigError
 
 
 def resolve_device(name: str) -> torch.device:
-    """The device of a setting: `auto` is the GPU where there is one.
+    """The device of a name; `auto` is the GPU if there is one.
 
     Raises:
-        ConfigError: no such device here.
+        ConfigError: there is no such device.
     """
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -36,13 +37,13 @@ def resolve_device(name: str) -> torch.device:
 
 @contextmanager
 def full_precision() -> Iterator[None]:
-    """Neither TF32 nor bfloat16 in matrix products, whatever the process has asked for.
+    """Matrix products in full float32, without TF32 or bfloat16, whatever the process has set.
 
-    Their 10 and 8 bits would drown small lobes in rounding. `set_float32_matmul_precision`, which
-    programs call for the sake of networks, turns on TF32 on a GPU and bfloat16 on some CPUs;
-    autocast does so for the operations under it.
+    The 10 and 8 bits of these types would lose small lobes to rounding. Training code turns them on
+    by `set_float32_matmul_precision` and by autocast.
     """
-    products = (torch.backends.cuda.matmul, torch.backends.mkldnn.matmul)
+    # The type stubs of torch lack `mkldnn.matmul`.
+    products = (torch.backends.cuda.matmul, cast("Any", torch.backends.mkldnn).matmul)
     before = [product.fp32_precision for product in products]
     try:
         for product in products:
@@ -55,7 +56,7 @@ def full_precision() -> Iterator[None]:
 
 
 def local_device(name: str) -> str:
-    """The device of this rank: on a machine with several GPUs, each rank has its own."""
+    """The name of the device of this rank; several GPUs are dealt out to the ranks in turn."""
     if name in ("auto", "cuda") and torch.cuda.is_available() and "LOCAL_RANK" in os.environ:
         return f"cuda:{int(os.environ['LOCAL_RANK']) % torch.cuda.device_count()}"
     return name

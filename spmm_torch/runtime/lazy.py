@@ -1,4 +1,4 @@
-"""Names of a package that are imported when they are first asked for [PEP 562]."""
+"""Names of a package that are imported at first use [PEP 562]."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ def lazy_names(
     """The functions `__getattr__` and `__dir__` of a package.
 
     Args:
-        package: its `__name__`.
-        places: the module of each name, relative to the package, such as `.data`.
+        package: `__name__` of the package.
+        places: module of each name, relative to the package, such as `.data`.
     """
 
     def __getattr__(name: str) -> Any:

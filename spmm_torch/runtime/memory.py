@@ -1,4 +1,4 @@
-"""How much memory there is, and how a fit shares it out."""
+"""The memory of this machine, and the part of it that a fit may take."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from ..errors import ConfigError, OutputError
 
 UNITS = "KMGT"
 SIZE = re.compile(rf"\s*(\d+(?:\.\d+)?)\s*(?:([{UNITS}])(I?))?B?\s*", re.IGNORECASE)
-# Of what is free, unless a limit is given.
-DEFAULT_SHARE = 0.5
+# Fraction of the free memory that a run may take, unless a limit is given.
+DEFAULT_FRACTION = 0.5
 MEMINFO, STATUS = Path("/proc/meminfo"), Path("/proc/self/status")
-# Where a container's limit, its use, and what of that is files that the system drops if need be
-# stand: the second and the first version of control groups.
+# Control groups limit the memory of a container. For their version 2 and 1: the folder, the file of
+# the limit, the file of the use, and the key in CGROUP_DETAILS of reclaimable file pages.
 CGROUPS = (
     (Path("/sys/fs/cgroup"), "memory.max", "memory.current", "inactive_file"),
     (
@@ -38,10 +38,10 @@ CGROUP_DETAILS = "memory.stat"
 
 
 def parse_size(text: str) -> int:
-    """Bytes of `4GB`, `500 MB` or `3GiB`.
+    """The bytes that a text such as `4GB`, `500 MB` or `3GiB` names.
 
     Raises:
-        ConfigError: no size.
+        ConfigError: the text names no size.
     """
     match = SIZE.fullmatch(text)
     if match is None:
@@ -52,25 +52,27 @@ def parse_size(text: str) -> int:
 
 
 def free_memory() -> int:
-    """Bytes that this process may still take, as far as the system tells."""
+    """Bytes that this process may still take, by what the system and its container report."""
     free = [_available()]
-    for folder, limit, used, dropped in CGROUPS:
+    for folder, limit, used, reclaimable in CGROUPS:
         try:
             left = int((folder / limit).read_text()) - int((folder / used).read_text())
-            free.append(left + _droppable(folder, dropped))
-        except (OSError, ValueError):  # no such file, or "max"
+            free.append(left + _reclaimable(folder, reclaimable))
+        except (OSError, ValueError):  # no such file, or no limit ("max")
             continue
     return max(min(free), 0)
 
 
 def _available() -> int:
+    """Bytes that the system has available; all of its memory where it does not report them."""
     try:
         return _entry(MEMINFO, "MemAvailable:") * 1024
     except (OSError, ValueError):
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
-def _droppable(cgroup: Path, key: str) -> int:
+def _reclaimable(cgroup: Path, key: str) -> int:
+    """Bytes of file pages that the system frees on demand; 0 where it does not report them."""
     try:
         return _entry(cgroup / CGROUP_DETAILS, key)
     except (OSError, ValueError):
@@ -78,7 +80,7 @@ def _droppable(cgroup: Path, key: str) -> int:
 
 
 def _entry(path: Path, key: str) -> int:
-    """The number after a word of a system file."""
+    """The number after a key in a file of the system."""
     for line in path.read_text().splitlines():
         word, _, number = line.partition(" ")
         if word == key:
@@ -87,7 +89,7 @@ def _entry(path: Path, key: str) -> int:
 
 
 def resident_memory() -> int:
-    """Bytes of memory that this process holds now; 0 where the system does not tell."""
+    """Bytes of memory that this process holds now; 0 where the system does not report them."""
     try:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except (OSError, ValueError, IndexError):
@@ -96,10 +98,9 @@ def resident_memory() -> int:
 
 
 def peak_resident_memory() -> int:
-    """The most bytes of memory that this process has held.
+    """The largest number of bytes of memory that this process has held.
 
-    Not by getrusage where the system tells better: that counts the process that started this one,
-    as it was when it forked.
+    On Linux not by getrusage, which includes the memory of the parent process at the fork.
     """
     try:
         for line in STATUS.read_text().splitlines():
@@ -116,9 +117,9 @@ class Budget:
     """Memory that a run may take.
 
     Attributes:
-        total: bytes at most, with those that the process holds already.
-        limited: whether a person has set the total.
-        working: bytes that the stages need for their blocks and batches, the process included.
+        total: limit in bytes, including what the process holds already.
+        limited: whether the user has set the limit.
+        working: bytes of the process and of the blocks and batches of its stages.
         kept: bytes of decoded values that stay in memory.
     """
 
@@ -129,13 +130,13 @@ class Budget:
 
     @classmethod
     def build(cls, limit: int | None = None, processes: int = 1) -> Budget:
-        """The budget of a limit, or of half of what is free, divided among `processes`."""
+        """The budget of a limit in bytes; without one, half of the free memory over `processes`."""
         if limit is not None:
             return cls(limit, limited=True)
-        return cls(int(DEFAULT_SHARE * free_memory() / processes))
+        return cls(int(DEFAULT_FRACTION * free_memory() / processes))
 
     def needing(self, working: int) -> Budget:
-        """The same for stages that need `working` bytes.
+        """The budget of stages that need `working` bytes; without a limit, it grows to them.
 
         Raises:
             ConfigError: the limit is too low for any fit.
@@ -150,18 +151,23 @@ class Budget:
 
     @property
     def spare(self) -> int:
-        """Bytes left for data that may also lie on disk."""
+        """Bytes left for data that could also be on disk."""
         return self.total - self.working - self.kept
 
 
 def slices(count: int, size: int) -> Iterator[slice]:
-    """Consecutive slices of `size` that cover `count`."""
+    """Consecutive slices of length `size`, the last one shorter, that cover `count` items."""
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))
 
 
 def scratch(shape: tuple[int, ...], in_memory: bool, device: torch.device) -> Tensor:
-    """An uninitialized float32 tensor on a device, or on the CPU in a file that ends with it.
+    """An uninitialized float32 tensor `[...]` of a shape.
+
+    Args:
+        shape: shape of the tensor.
+        in_memory: True: on `device`; False: on the CPU, in a temporary file that goes with it.
+        device: device of a tensor in memory.
 
     Raises:
         OutputError: the disk is full.
@@ -171,7 +177,7 @@ def scratch(shape: tuple[int, ...], in_memory: bool, device: torch.device) -> Te
     size = 4 * math.prod(shape)
     try:
         with tempfile.TemporaryFile(prefix="spmm_torch-") as file:
-            # A hole that the disk cannot fill would kill the process at the first write.
+            # Without reserved space, a full disk would kill the process at a write.
             os.posix_fallocate(file.fileno(), 0, size)
             mapped = mmap.mmap(file.fileno(), size)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Progress of long stages: a bar with the time left on a terminal, sparse plain lines elsewhere."""
+"""Progress of long stages: a bar with the time left on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from typing import TextIO
 
 from tqdm import tqdm
 
-Advance = Callable[[int], None]  # told how many more units are done
-# A plain line at most this often, in seconds: a log stays readable, and a stalled run shows.
+Advance = Callable[[int], None]  # called with the number of units that are newly done
+# Seconds between two plain lines: a log stays short, and a stalled run is noticed.
 LINE_INTERVAL = 10.0
-MINUTE, HOUR = 60, 3600
-# A stage without a total has nothing to fill a bar with.
+MINUTE, HOUR = 60, 3600  # seconds
+# Format of tqdm for a stage without a total.
 OPEN_BAR = "{desc}: {n_fmt}{unit} [{elapsed}]"
 
 
 class Progress:
-    """Tells how far a run is.
+    """Reports the progress of a run.
 
     Args:
-        stream: where to tell; standard error if None.
+        stream: stream to write to; None: standard error.
         enabled: False keeps the stream silent, for use as a library; the log is still written.
-        log: file that gets every plain line, appended; its folder must exist.
+        log: file to which every plain line is appended; its folder must exist.
         interval: seconds between two plain lines of a stage.
-        clock: seconds from any origin.
+        clock: function that gives seconds from any origin.
     """
 
     def __init__(
@@ -47,22 +47,22 @@ class Progress:
 
     @property
     def on_terminal(self) -> bool:
-        """Whether a bar is shown instead of lines."""
+        """Whether a bar is shown instead of plain lines."""
         return self.enabled and self.stream.isatty()
 
     def say(self, text: str) -> None:
-        """Write one line; an open bar is kept below it."""
+        """Writes one line; an open bar stays below it."""
         if self.on_terminal:
             tqdm.write(text, file=self.stream)
         self.write_line(text)
 
     @contextmanager
     def stage(self, name: str, total: int | None = None, unit: str = "") -> Iterator[Stage]:
-        """One stage of `total` units; yields what counts them: `advance(8)`.
+        """One stage of `total` units; yields the function that counts them: `advance(8)`.
 
         Args:
-            name: of the stage.
-            total: how many units there are; None if that is not known.
+            name: name of the stage.
+            total: number of units; None if not known.
             unit: what is counted, in the plural.
         """
         stage = Stage(self, name, total, unit)
@@ -75,17 +75,17 @@ class Progress:
             stage.end(outcome)
 
     def write_line(self, text: str) -> None:
-        """A plain line, to the log and to a stream that is no terminal."""
+        """Writes a plain line to the log, and to the stream unless it is a terminal."""
         if self.enabled and not self.on_terminal:
             print(text, file=self.stream, flush=True)
         if self.log is not None:
-            # Not held open, so that the folder of a run can be renamed.
+            # Opened for every line, so that the folder of a run can be renamed meanwhile.
             with self.log.open("a", encoding="utf-8") as file:
                 file.write(text + "\n")
 
 
 class Stage:
-    """Counts the units that one stage has done; made by `Progress.stage`."""
+    """Counts the units of one stage; made by `Progress.stage`."""
 
     def __init__(self, progress: Progress, name: str, total: int | None, unit: str) -> None:
         self.progress = progress
@@ -97,7 +97,7 @@ class Stage:
         self._bar: tqdm | None = None
 
     def __call__(self, count: int = 1) -> None:
-        """`count` more units are done."""
+        """Counts `count` more units as done."""
         self.done += count
         if self._bar is not None:
             self._bar.update(count)
@@ -107,7 +107,7 @@ class Stage:
             self.progress.write_line(f"{self.name}: {self._state(now - self._started)}")
 
     def to(self, done: int, total: int | None = None) -> None:
-        """`done` units are done so far, of `total` if given: the form that `BTF.load` calls."""
+        """Sets the number of units done so far and, if given, their total; for `BTF.load`."""
         if total is not None and total != self.total:
             self.total = total
             if self._bar is not None:
@@ -115,7 +115,7 @@ class Stage:
         self(done - self.done)
 
     def begin(self) -> None:
-        """Open the bar, or write the first line."""
+        """Opens the bar, or writes the first line."""
         if self.progress.on_terminal:
             self._bar = tqdm(
                 total=self.total,
@@ -130,7 +130,7 @@ class Stage:
         )
 
     def end(self, outcome: str) -> None:
-        """Close the bar and write the last line: `outcome` and the seconds taken."""
+        """Closes the bar and writes the last line: `outcome` and the seconds taken."""
         if self._bar is not None:
             self._bar.close()
         seconds = self.progress.clock() - self._started
@@ -151,7 +151,7 @@ class Stage:
 
 
 def duration(seconds: float) -> str:
-    """Whole seconds for people: `42 s`, `3 min 05 s`, `1 h 02 min`."""
+    """A duration as text, such as `42 s`, `3 min 05 s` or `1 h 02 min`."""
     whole = round(seconds)
     if whole < MINUTE:
         return f"{whole} s"

@@ -1,4 +1,4 @@
-"""Ranks: the processes that share one fit, by `torch.distributed`; one alone by default."""
+"""Ranks: the processes of `torch.distributed` that share one fit; a single one by default."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import torch
 import torch.distributed as dist
@@ -17,19 +17,19 @@ from ..errors import SPMMError
 
 T = TypeVar("T")
 
-# How long a rank waits for the others. Rank 0 alone may search for hours; a rank that died is
-# noticed by torchrun, which ends the others.
-PATIENCE = timedelta(days=7)
+# Time that a rank waits for the others. Rank 0 alone may search for hours; if a rank dies, torchrun
+# ends the others.
+TIMEOUT = timedelta(days=7)
 
 
 @dataclass(frozen=True)
 class Ranks:
-    """This process among `size` equal ones; every method but `share` must be called by all.
+    """This process among `size` processes; all of them must call every method but `share`.
 
     Attributes:
-        rank: number of this process; 0 is the one that writes.
+        rank: number of this process; the one with 0 writes.
         size: number of processes.
-        device: on which sums are made: that of the rank for NCCL, the CPU for gloo.
+        device: device of sums: that of the rank for NCCL, the CPU for gloo.
     """
 
     rank: int = 0
@@ -38,15 +38,19 @@ class Ranks:
 
     @property
     def is_first(self) -> bool:
-        """Whether this process writes and speaks."""
+        """Whether this process writes files and messages."""
         return self.rank == 0
 
     def share(self, items: Tensor) -> Tensor:
-        """The consecutive part of `items` that is this rank's."""
+        """The items `[n, ...]` of this rank: a consecutive part of `items [N, ...]`."""
         return items.tensor_split(self.size)[self.rank]
 
     def sum(self, values: Tensor) -> Tensor:
-        """The sum over all ranks of tensors of one shape."""
+        """The sum `[...]` over all ranks of their `values [...]`, equal in shape.
+
+        Raises:
+            SPMMError: another rank has failed.
+        """
         if self.size == 1:
             return values
         total = values.to(self.device, copy=True)
@@ -55,7 +59,11 @@ class Ranks:
         return total.to(values.device)
 
     def gather(self, value: T) -> list[T]:
-        """The values of all ranks, in their order."""
+        """The values of all ranks, in the order of ranks.
+
+        Raises:
+            SPMMError: another rank has failed.
+        """
         if self.size == 1:
             return [value]
         values: list[T] = [value] * self.size
@@ -64,7 +72,11 @@ class Ranks:
         return values
 
     def first(self, compute: Callable[[], T]) -> T:
-        """What `compute` gives on rank 0; if it fails there, it fails everywhere."""
+        """The result of `compute` on rank 0; an error there is raised on all ranks.
+
+        Raises:
+            SPMMError: another rank has failed.
+        """
         if self.size == 1:
             return compute()
         outcome: list[tuple[T | None, BaseException | None]] = [(None, None)]
@@ -78,7 +90,7 @@ class Ranks:
         value, error = outcome[0]
         if error is not None:
             raise error
-        return value  # type: ignore[return-value]
+        return cast("T", value)
 
 
 ALONE = Ranks()
@@ -86,7 +98,7 @@ ALONE = Ranks()
 
 @contextmanager
 def _exchange() -> Iterator[None]:
-    """One sentence instead of the many of a connection that another rank has closed."""
+    """Turns the error of a connection that another rank has closed into an SPMMError."""
     try:
         yield
     except RuntimeError as error:
@@ -99,16 +111,16 @@ def _exchange() -> Iterator[None]:
 
 @contextmanager
 def joined_ranks(device: torch.device) -> Iterator[Ranks]:
-    """The ranks that `torchrun` started, this one being on `device`; alone without `torchrun`."""
+    """The ranks that `torchrun` started, this one on `device`; a single one without `torchrun`."""
     if int(os.environ.get("WORLD_SIZE", "1")) == 1:
         yield ALONE
         return
     on_gpu = device.type == "cuda"
-    # NCCL wants a GPU for each rank; where they share one, sums go by way of the CPU.
+    # NCCL needs one GPU for each rank; ranks that share a GPU add on the CPU.
     by_nccl = on_gpu and local_count() <= torch.cuda.device_count()
     if on_gpu:
-        torch.cuda.set_device(device)  # objects travel by the current device
-    dist.init_process_group("nccl" if by_nccl else "gloo", timeout=PATIENCE)
+        torch.cuda.set_device(device)  # NCCL sends objects from the current device
+    dist.init_process_group("nccl" if by_nccl else "gloo", timeout=TIMEOUT)
     try:
         where = device if by_nccl else torch.device("cpu")
         yield Ranks(dist.get_rank(), dist.get_world_size(), where)
@@ -117,10 +129,10 @@ def joined_ranks(device: torch.device) -> Iterator[Ranks]:
 
 
 def local_count() -> int:
-    """How many ranks `torchrun` started on this machine; 1 without it."""
+    """The number of ranks that `torchrun` started on this machine; 1 without it."""
     return int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
 
 
 def speaks() -> bool:
-    """Whether this process is the one that prints: the first of `torchrun`'s, or alone."""
+    """Whether this process prints: rank 0 of `torchrun`, or a single process."""
     return int(os.environ.get("RANK", "0")) == 0

@@ -1,4 +1,4 @@
-"""Seconds by stage."""
+"""Wall-clock seconds by stage."""
 
 from __future__ import annotations
 
@@ -13,32 +13,33 @@ import torch
 
 @dataclass
 class Stopwatch:
-    """Adds up the time spent in named stages; on a GPU, work still queued is waited for.
+    """Adds up the time spent in named stages; on a GPU it waits for queued work.
 
     Attributes:
-        device: where the work runs.
-        seconds: by stage.
-        share: of every second that counts, where other work runs at the same time.
+        device: device of the work.
+        seconds: seconds by stage.
+        fraction: fraction of every second that counts; below 1 beside work that runs meanwhile.
     """
 
     device: torch.device
     seconds: dict[str, float] = field(default_factory=dict)
-    share: float = 1.0
+    fraction: float = 1.0
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
+        """Times the block under `with` as part of a stage."""
         start = self._now()
         try:
             yield
         finally:
-            self._add(stage, self.share * (self._now() - start))
+            self._add(stage, self.fraction * (self._now() - start))
 
     def one_of(self, count: int) -> Self:
-        """A watch for one of `count` pieces of work that run side by side."""
-        return type(self)(self.device, share=self.share / count)
+        """A stopwatch for one of `count` pieces of work that run at the same time."""
+        return type(self)(self.device, fraction=self.fraction / count)
 
     def take(self, other: Stopwatch) -> None:
-        """Adds what another watch has."""
+        """Adds the seconds of another stopwatch."""
         for stage, spent in other.seconds.items():
             self._add(stage, spent)
 

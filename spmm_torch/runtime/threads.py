@@ -1,4 +1,4 @@
-"""Threads for work that NumPy and PyTorch do outside of the interpreter's lock."""
+"""Threads for work that NumPy and PyTorch do without the interpreter's lock."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from typing import TypeVar
 
 import torch
 
-T, R = TypeVar("T"), TypeVar("R")
+T = TypeVar("T")
+R = TypeVar("R")
 
-# Items a thread that pay for its start.
-LEAST_ITEMS = 4
+# Items of a thread that outweigh the cost of its start.
+MIN_ITEMS = 4
 
 
 @contextmanager
 def cpu_threads(count: int) -> Iterator[None]:
-    """Sets how many threads PyTorch uses, for a while."""
+    """Lets PyTorch use `count` threads within the block under `with`."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
@@ -28,24 +29,24 @@ def cpu_threads(count: int) -> Iterator[None]:
 
 
 def in_threads(work: Callable[[T], None], items: Sequence[T]) -> None:
-    """Does independent work on all items, by as many threads as PyTorch may use.
+    """Calls `work` on all items, which must be independent, in as many threads as PyTorch uses.
 
     Raises:
-        Exception: the first that `work` raised.
+        Exception: the first one that `work` raised.
     """
-    count = min(torch.get_num_threads(), len(items) // LEAST_ITEMS)
+    count = min(torch.get_num_threads(), len(items) // MIN_ITEMS)
     if count < 2:
         for item in items:
             work(item)
         return
 
-    def share(number: int) -> None:
+    def work_on_part(number: int) -> None:
         for item in items[number::count]:
             work(item)
 
     with ThreadPoolExecutor(count) as pool:
-        for _ in pool.map(share, range(count)):
-            pass  # raises what a thread raised
+        for _ in pool.map(work_on_part, range(count)):
+            pass  # raises the exception of a thread
 
 
 def side_by_side(
@@ -55,20 +56,20 @@ def side_by_side(
     threads: int,
     done: Callable[[T], None],
 ) -> list[R]:
-    """The results of independent work on all items, in their order.
+    """The results of `work` on independent items, in their order.
 
-    Small operations leave most threads of PyTorch idle; several items at once do not.
+    Several items run at once, because small operations leave most threads of PyTorch idle.
 
     Args:
-        work: on one item; gradients are recorded if they are here. The event is set once its result
-            is not wanted any more: long work then raises CancelledError.
-        items: all.
-        workers: how many items at once.
-        threads: of PyTorch for each of them.
-        done: told each item when its work is done, in any order, by this thread.
+        work: function of one item and an event; it records gradients if the caller does. The event
+            is set when the result is no longer wanted: long work then raises CancelledError.
+        items: all items.
+        workers: number of items that run at once.
+        threads: number of threads of PyTorch for each of them.
+        done: called by this thread with each finished item, in any order.
 
     Raises:
-        Exception: the first that `work` raised; what has not begun by then never does.
+        Exception: the first one that `work` raised; items that have not begun by then never do.
     """
     gradients, stopped = torch.is_grad_enabled(), Event()
 
@@ -79,11 +80,11 @@ def side_by_side(
             with torch.set_grad_enabled(gradients):
                 return work(item, stopped)
         except BaseException:
-            stopped.set()  # at once, whenever the main thread hears of it
+            stopped.set()  # before the main thread sees the exception
             raise
 
     pool = ThreadPoolExecutor(workers)
-    with cpu_threads(threads):  # for the workers, which begin later, too
+    with cpu_threads(threads):  # holds for the workers, too, as they begin later
         try:
             futures = {pool.submit(alone, item): item for item in items}
             for future in as_completed(futures):

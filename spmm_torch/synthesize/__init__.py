@@ -7,23 +7,23 @@ or, in Python,
     maps = read_maps(height="H.png", albedo="A.png", roughness="R.png")
     synthesize_btf(maps, "X.npz", SynthesisSettings(relief=0.05, size=64))
 
-What is traced. The height map is a surface of real triangles, repeated periodically; black lies
-`relief` texture widths under white. Its mean height is z = 0, the reference plane, to which all
-pictures are registered as those of a gonioreflectometer are: the value of texel p under view wo is
-what orthographic rays along -wo through the footprint of p in that plane meet. A point of height h
-at q is therefore seen at p = q - h wo_xy / wo_z. Light comes from one direction at a time; the path
-tracer accounts for shadows, masking and inter-reflection. The material is Mitsuba's `principled`.
+Scene. The height map is a surface of triangles, repeated periodically, with black `relief` texture
+widths below white. Its mean height is the reference plane z = 0, to which all pictures are
+registered, as by a gonioreflectometer: texel p under view wo is seen by orthographic rays along -wo
+through its footprint in that plane. A point of height h at q therefore appears at
+p = q - h wo_xy / wo_z. Light comes from one direction at a time, with shadows, masking and
+inter-reflection. The material is `principled` of Mitsuba.
 
-What the values are. Radiance under a light that gives unit irradiance to a surface that faces it:
-f_r cos(theta_l) in 1/sr, which is what the evaluation of a BSDF returns. A white Lambertian plane
-gives cos(theta_l) / pi. `scale` tells what becomes of them: "none" leaves them so, "auto" does the
-same for HDR targets (NPZ, EXR), where nothing is ever clamped, and divides by their 99.8th
-percentile for 8-bit targets (zip); what lies above 1 there is clipped, counted and reported.
+Values. They are radiance under a light of unit irradiance on a surface that faces it, in 1/sr:
+f_r cos(theta_l), as a BSDF evaluates. A white Lambertian plane has cos(theta_l) / pi. With `scale`
+"none" they stay so. With "auto" they stay so in HDR targets (NPZ, EXR), which never clip, and are
+divided by their 99.8th percentile in 8-bit targets (zip), where values above 1 are clipped, counted
+and reported.
 
-What it takes. 64 x 64 texels under 81 x 81 directions at 24 samples: 3 to 7 minutes on two cores
-with a libLLVM of 19 or newer (found by itself, or named by DRJIT_LIBLLVM_PATH), two to three times
-that without. Time grows with texels, samples and pictures. Beside the output, the pictures need
-4 bytes a value of disk while it runs.
+Cost. 64 x 64 texels under 81 x 81 directions with 24 samples take 3 to 7 minutes on two cores with
+a libLLVM of 19 or newer (which is found, or named by DRJIT_LIBLLVM_PATH), and two to three times as
+long without. Time is proportional to texels, samples and pictures. Besides the output, pictures
+take 4 bytes a value of disk during the run.
 """
 
 from ..config.synthesis import SynthesisSettings

@@ -1,8 +1,7 @@
-"""Texture maps: read, checked against each other, and reduced to the detail worth tracing."""
+"""Texture maps: read, checked against each other, and reduced in size."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,32 +10,32 @@ from PIL import Image
 
 from ..errors import DataError
 
-# Code of white by mode of a grey picture; floats are taken as they are.
+# Code of white, by mode of a grey picture; floats are not scaled.
 WHITE = {"L": 255, "I;16": 65535, "I;16B": 65535, "I;16L": 65535, "I": 65535, "F": 1}
-# Modes that Pillow turns into 8-bit grey or RGB without losing anything but transparency.
-PLAIN = {"1": "L", "LA": "L", "P": "RGB", "PA": "RGB", "RGBA": "RGB", "RGBX": "RGB"}
+# Modes that Pillow converts to 8-bit grey or RGB, without loss except for transparency.
+CONVERTED = {"1": "L", "LA": "L", "P": "RGB", "PA": "RGB", "RGBA": "RGB", "RGBX": "RGB"}
 DECODE_ERRORS = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
-# Grey saved as colour differs between channels by JPEG's rounding only: mean of 8-bit codes.
+# Largest mean range of the channels of a grey picture saved as RGB, in 8-bit codes: JPEG rounds.
 MAX_TINT = 4.0
-# Maps of one texture may differ in size; a rounded side must not count as another shape.
+# Tolerance of the ratio of two aspects: maps may differ in size, and sides are rounded.
 SHAPE_TOLERANCE = 0.01
-# Normals of maps are kept this far above the plane, so that each has a front side.
+# Smallest z of a normal before it is normalized, so that it faces up.
 MIN_NORMAL_Z = 0.05
-# Normals of a map that is upside down correlate with those of the heights by about -1.
+# Correlation with the heights below which a normal map is upside down; it is then about -1.
 UPSIDE_DOWN = -0.2
 
 
 @dataclass(frozen=True, eq=False)
 class TextureMaps:
-    """The maps of one periodic texture; row 0 is the top, sizes may differ, shapes do not.
+    """The maps of one periodic texture, of one aspect; row 0 is the top, and sizes may differ.
 
     Args:
-        height: `[h, w]` in [0, 1].
-        albedo: linear base colour `[h, w, 3]` in [0, 1].
-        roughness: `[h, w]` in [0, 1]; its square is the width of the microfacet distribution.
-        metallic: `[h, w]` in [0, 1]; None = no metal.
-        normal: unit shading normals `[h, w, 3]`, x right, y up, in place of those of the heights
-            (not on top of them); None = those of the heights.
+        height: heights `[h, w]` in [0, 1].
+        albedo: linear base colours `[h, w, 3]` in [0, 1].
+        roughness: roughness `[h, w]` in [0, 1], the square root of the microfacet width alpha.
+        metallic: metallic weights `[h, w]` in [0, 1]; None: no metal.
+        normal: unit shading normals `[h, w, 3]`, x right, y up, which replace those of the
+            heights; None: those of the heights.
     """
 
     height: np.ndarray
@@ -47,11 +46,11 @@ class TextureMaps:
 
     @property
     def aspect(self) -> float:
-        """Height of the texture in texture widths."""
+        """Height of the texture, in texture widths."""
         return self.height.shape[0] / self.height.shape[1]
 
     def reduced(self, width: int) -> TextureMaps:
-        """The same maps, averaged down where they are more than `width` samples wide."""
+        """The maps with at most `width` columns each, averaged where they had more."""
         normal = None if self.normal is None else unit(reduce(self.normal, width))
         return replace(
             self,
@@ -63,11 +62,12 @@ class TextureMaps:
         )
 
     def normal_is_upside_down(self) -> bool:
-        """Whether the green channel of the normal map contradicts the heights (DirectX style)."""
+        """Whether the normal map contradicts the heights in y, as in DirectX style."""
         if self.normal is None:
             return False
         rows, columns = self.height.shape
-        slope = np.roll(self.height, -1, axis=0) - np.roll(self.height, 1, axis=0)  # normal's y
+        # Proportional to y of the normals of the heights.
+        slope = np.roll(self.height, -1, axis=0) - np.roll(self.height, 1, axis=0)
         tilt = resize(self.normal[..., 1], rows, columns)
         spread = float(slope.std() * tilt.std())
         return spread > 0.0 and float(np.mean(slope * (tilt - tilt.mean()))) < UPSIDE_DOWN * spread
@@ -81,37 +81,39 @@ def read_maps(
     metallic: Path | str | None = None,
     normal: Path | str | None = None,
 ) -> TextureMaps:
-    """Reads maps: albedo is decoded from sRGB, all others are linear; alpha is ignored.
+    """Reads maps from picture files: albedo in sRGB, all others linear; alpha is ignored.
 
-    Normal maps are in OpenGL style: red grows to the right, green up, blue out.
+    Normal maps are in OpenGL style: red grows to the right, green upwards, blue outwards.
 
     Raises:
-        DataError: a file is missing, no picture, of an unusable mode, or of another shape.
+        DataError: a file is missing, no picture, of an unusable mode, or of another aspect.
     """
-    readers: dict[str, tuple[Path | str | None, Callable[[Path | str, str], np.ndarray]]] = {
-        "height": (height, read_grey),
-        "albedo": (albedo, read_albedo),
-        "roughness": (roughness, read_grey),
-        "metallic": (metallic, read_grey),
-        "normal": (normal, read_normal),
-    }
-    maps = {
-        role: None if path is None else read(path, role) for role, (path, read) in readers.items()
-    }
-    for role, picture in maps.items():
-        _check_shape(picture, maps["height"], role, readers[role][0], height)
-    return TextureMaps(**maps)
+    maps = TextureMaps(
+        height=read_grey(height, "height"),
+        albedo=read_albedo(albedo, "albedo"),
+        roughness=read_grey(roughness, "roughness"),
+        metallic=None if metallic is None else read_grey(metallic, "metallic"),
+        normal=None if normal is None else read_normal(normal, "normal"),
+    )
+    for role, picture, path in (
+        ("albedo", maps.albedo, albedo),
+        ("roughness", maps.roughness, roughness),
+        ("metallic", maps.metallic, metallic),
+        ("normal", maps.normal, normal),
+    ):
+        if picture is not None:
+            _check_shape(picture, maps.height, role, path, height)
+    return maps
 
 
 def _check_shape(
-    picture: np.ndarray | None,
+    picture: np.ndarray,
     height: np.ndarray,
     role: str,
     path: Path | str | None,
     height_path: Path | str,
 ) -> None:
-    if picture is None:
-        return
+    """Refuses a map `[h, w, ...]` whose aspect is not that of the height map."""
     (rows, columns), (height_rows, height_columns) = picture.shape[:2], height.shape
     ratio = (rows * height_columns) / (columns * height_rows)
     if abs(ratio - 1.0) > SHAPE_TOLERANCE:
@@ -123,10 +125,14 @@ def _check_shape(
 
 
 def read_grey(path: Path | str, role: str) -> np.ndarray:
-    """A map `[h, w]` of one value, 8-bit, 16-bit or float, scaled to [0, 1].
+    """A grey map `[h, w]` in [0, 1] from a picture of 8 or 16 bits or floats.
+
+    Args:
+        path: picture file.
+        role: name of the map in messages.
 
     Raises:
-        DataError: no picture, coloured, or out of range.
+        DataError: the file is no picture, coloured, or out of range.
     """
     image = _open(path, role)
     if image.mode == "RGB":
@@ -149,7 +155,15 @@ def read_grey(path: Path | str, role: str) -> np.ndarray:
 
 
 def read_albedo(path: Path | str, role: str) -> np.ndarray:
-    """A colour map `[h, w, 3]`, decoded from sRGB [IEC 61966-2-1] to linear values."""
+    """A linear colour map `[h, w, 3]` from a picture in sRGB [IEC 61966-2-1].
+
+    Args:
+        path: picture file.
+        role: name of the map in messages.
+
+    Raises:
+        DataError: the file is no picture, or of an unusable mode.
+    """
     codes = _read_rgb(path, role) / 255.0
     return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4).astype(
         np.float32
@@ -157,11 +171,20 @@ def read_albedo(path: Path | str, role: str) -> np.ndarray:
 
 
 def read_normal(path: Path | str, role: str) -> np.ndarray:
-    """Unit normals `[h, w, 3]` of a map whose codes 0 to 255 stand for -1 to 1."""
+    """Unit normals `[h, w, 3]` from a picture whose codes 0 to 255 stand for -1 to 1.
+
+    Args:
+        path: picture file.
+        role: name of the map in messages.
+
+    Raises:
+        DataError: the file is no picture, or of an unusable mode.
+    """
     return unit(_read_rgb(path, role) / 127.5 - 1.0)
 
 
 def _read_rgb(path: Path | str, role: str) -> np.ndarray:
+    """The 8-bit codes `[h, w, 3]` of a picture, as float32."""
     image = _open(path, role)
     if image.mode not in ("RGB", "L"):
         raise _wrong_mode(path, role, image, "8-bit RGB")
@@ -169,6 +192,7 @@ def _read_rgb(path: Path | str, role: str) -> np.ndarray:
 
 
 def _open(path: Path | str, role: str) -> Image.Image:
+    """The decoded picture of a map."""
     if not Path(path).exists():
         raise DataError(
             f"{role} map {path} does not exist; expected a picture file; check the path."
@@ -176,11 +200,11 @@ def _open(path: Path | str, role: str) -> Image.Image:
     try:
         with Image.open(path) as image:
             image.load()
-            return image.convert(PLAIN[image.mode]) if image.mode in PLAIN else image.copy()
+            return image.convert(CONVERTED[image.mode]) if image.mode in CONVERTED else image.copy()
     except DECODE_ERRORS as error:
         raise DataError(
             f"{role} map {path} cannot be read ({error}); expected a PNG, JPEG or TIFF picture; "
-            f"save it anew."
+            f"save it again."
         ) from error
 
 
@@ -189,14 +213,14 @@ def _wrong_mode(path: Path | str, role: str, image: Image.Image, expected: str) 
 
 
 def unit(normals: np.ndarray) -> np.ndarray:
-    """Vectors `[..., 3]` lifted above the plane and scaled to length 1, float32."""
+    """Vectors `[..., 3]` with z of at least MIN_NORMAL_Z, then normalized, float32."""
     lifted = normals.astype(np.float32, copy=True)
     lifted[..., 2] = np.maximum(lifted[..., 2], MIN_NORMAL_Z)
     return lifted / np.linalg.norm(lifted, axis=-1, keepdims=True)
 
 
 def reduce(picture: np.ndarray, width: int) -> np.ndarray:
-    """A picture `[h, w, ...]` averaged down to `width` columns, or as it is if not wider."""
+    """A picture `[h, w, ...]` with at most `width` columns, averaged if it had more."""
     rows, columns = picture.shape[:2]
     if columns <= width:
         return picture
@@ -204,7 +228,7 @@ def reduce(picture: np.ndarray, width: int) -> np.ndarray:
 
 
 def resize(picture: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """A float picture `[h, w, ...]` at another size, by area if smaller, else bilinear."""
+    """A float picture `[h, w, ...]` resized by area if it gets narrower, else bilinearly."""
     if picture.shape[:2] == (rows, columns):
         return picture
     filter = Image.Resampling.BOX if columns < picture.shape[1] else Image.Resampling.BILINEAR

@@ -1,4 +1,4 @@
-"""From maps to a file: render all pairs of directions, scale, write."""
+"""From maps to a BTF file: all direction pairs are rendered, scaled and written."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .target import FLOAT_BYTES, hidden_folder, target_of
 from .tracer import PathTracer, picture_size
 from .variant import load_mitsuba
 
-# Share of values that an 8-bit target keeps; the brightest highlights would darken all else.
+# Fraction of the values that an 8-bit target does not clip; the highlights would darken all else.
 KEPT_FRACTION = 0.998
 HALF_BYTES = 2
 PICTURES_FILE = "pictures.f32"
-# The direction sets of UBO2003 and UBO2014 by their number of directions.
+# Directions of UBO2003 and UBO2014, by their number.
 RINGS = {81: UBO2003_RINGS, 151: UBO2014_RINGS}
 
 
@@ -35,15 +35,20 @@ def synthesize_btf(
     settings: SynthesisSettings | None = None,
     progress: Progress | None = None,
 ) -> Path:
-    """Path-traces a BTF of texture maps and writes it; returns its path.
+    """Path-traces a BTF from texture maps and writes it; returns its path.
 
-    Pictures lie in a hidden folder beside the output until they are written; whatever happens,
-    that folder is removed.
+    Pictures are kept in a hidden folder beside the output, which is always removed in the end.
+
+    Args:
+        maps: texture maps.
+        output: new file or folder, whose suffix is that of the format.
+        settings: settings of the synthesis; None: the defaults.
+        progress: receiver of the progress; None: silent.
 
     Raises:
-        ConfigError: Mitsuba is missing, or a setting cannot be met here.
+        ConfigError: Mitsuba is not installed, or a setting does not work on this machine.
         OutputError: the output exists or cannot be written.
-        DataError: the texture reflects nothing.
+        DataError: the BTF is all black.
     """
     settings = settings or SynthesisSettings()
     progress = progress or Progress(enabled=False)
@@ -79,10 +84,11 @@ def path_trace(
 ) -> np.ndarray:
     """Radiance `[V, L, H, W, 3]` float32 for all pairs of `view [V, 3]` and `light [L, 3]`.
 
-    The result is a file in `folder` that is mapped into memory.
+    The result is a memory-mapped file in `folder`.
 
     Raises:
-        ConfigError: Mitsuba is missing, or a direction lies in or under the plane.
+        ConfigError: Mitsuba is not installed, or a direction is not above the plane.
+        DataError: the BTF is all black.
     """
     lowest = float(torch.cat((view, light))[:, 2].min())
     if lowest <= 0.0:
@@ -108,7 +114,7 @@ def _render(
     pictures: np.ndarray,
     stage: Stage,
 ) -> None:
-    """Fills `pictures [V, L, H, W, 3]`, each with a seed of its own."""
+    """Renders `pictures [V, L, H, W, 3]`, each with its own seed."""
     seeds = np.random.SeedSequence(seed).generate_state(len(views) * len(lights))
     seeds = seeds.reshape(len(views), len(lights))
     for index, view in enumerate(views):
@@ -119,27 +125,41 @@ def _render(
 
 
 def display_scale(pictures: np.ndarray) -> float:
-    """The value that becomes 1: the 99.8th percentile, or the maximum if that is zero."""
+    """The value of `pictures [V, L, H, W, 3]` that 1 stands for.
+
+    It is the 99.8th percentile, or the maximum if that is zero.
+    """
     views = map(torch.from_numpy, pictures)
     return percentile(views, pictures.size, KEPT_FRACTION) or float(pictures.max())
 
 
 def to_display(pictures: np.ndarray, scale: float) -> str:
-    """Divides by `scale` and clips at 1, in place; returns a line that tells what was lost."""
+    """Divides `pictures [V, L, H, W, 3]` by a scale and clips them at 1, in place.
+
+    Returns:
+        a line with the scale and the number of clipped values.
+    """
     clipped = 0
     for view in pictures:  # [L, H, W, 3]
         view /= scale
         clipped += int(np.count_nonzero(view > 1.0))
         np.minimum(view, 1.0, out=view)
-    share = 100.0 * clipped / pictures.size
+    percentage = 100.0 * clipped / pictures.size
     return (
-        f"scale: 1 stands for {scale:.6g} /sr; {clipped} of {pictures.size} values ({share:.2g} %) "
-        f"lay above 1 and were clipped."
+        f"scale: 1 stands for {scale:.6g} /sr; {clipped} of {pictures.size} values "
+        f"({percentage:.2g} %) lay above 1 and were clipped."
     )
 
 
 def as_btf(pictures: np.ndarray, view: Tensor, light: Tensor, name: str, hdr: bool) -> BTF:
-    """A BTF over mapped pictures `[V, L, H, W, 3]`; nothing is copied."""
+    """A BTF that shares the memory of its pictures.
+
+    Args:
+        pictures: radiance `[V, L, H, W, 3]`.
+        view, light: unit vectors `[V, 3]`, `[L, 3]`.
+        name: short name of the material.
+        hdr: whether values may exceed 1.
+    """
     view_count, light_count, height, width, channels = pictures.shape
     flat = torch.from_numpy(pictures).view(view_count * light_count, height * width, channels)
     codes = MemoryCodes(flat.transpose(0, 1))  # [T, D, C]

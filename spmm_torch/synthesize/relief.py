@@ -1,4 +1,4 @@
-"""The relief: a height map as triangles, repeated far enough that no ray sees its end."""
+"""The relief: a height map as triangles, repeated so far that no ray passes its edge."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from .maps import resize, unit
 
-# A ray may run to its hit, on to one bounce and from there to the light, each time through the
-# whole depth at the steepest angle, before it could leave the mesh.
+# Segments of a path that the margin must hold: to the hit, to one bounce and to the light, each
+# through the whole depth of the relief at the most grazing angle.
 REACH = 3
 
 
@@ -18,13 +18,13 @@ REACH = 3
 class ReliefMesh:
     """Triangles of a relief in texture widths: x right, y up, mean height z = 0.
 
-    The texture itself covers [0, 1] x [0, aspect].
+    The texture covers [0, 1] x [0, aspect].
 
     Attributes:
-        position: `[N, 3]` float32.
-        normal: unit shading normals `[N, 3]` float32; None = those of the triangles.
-        uv: `[N, 2]` float32, right and down as Mitsuba's pictures run: 0 to 1 over the texture,
-            beyond that its repeats.
+        position: vertices `[N, 3]` float32.
+        normal: unit shading normals `[N, 3]` float32; None: those of the triangles.
+        uv: texture coordinates `[N, 2]` float32, right and down as in Mitsuba, 0 to 1 over the
+            texture and beyond that over its repeats.
         faces: corner indices `[F, 3]` uint32, counter-clockwise from above.
     """
 
@@ -35,25 +35,32 @@ class ReliefMesh:
 
 
 def needed_margin(relief: float, lowest_cosine: float) -> float:
-    """Texture widths that must surround the texture for rays down to a cosine with z."""
+    """The margin of repeats around the texture, in texture widths.
+
+    Args:
+        relief: height of white above black, in texture widths.
+        lowest_cosine: smallest cosine of a ray with z.
+    """
     return REACH * relief * math.sqrt(1.0 - lowest_cosine**2) / lowest_cosine
 
 
 def build_relief(
     height: np.ndarray, relief: float, margin: float, normal: np.ndarray | None = None
 ) -> ReliefMesh:
-    """Triangulates a periodic height map with one vertex at each of its pixel centres.
+    """The triangles of a periodic height map, with one vertex at each centre of a pixel.
 
     Args:
-        height: `[h, w]` in [0, 1].
-        relief: height difference of 1 and 0, in texture widths.
-        margin: texture widths of its repeats on each side.
-        normal: unit shading normals `[h', w', 3]`; None = those of the triangles, which is what
-            such a surface has, and converges faster than smoothed ones with finer triangles.
+        height: heights `[h, w]` in [0, 1].
+        relief: height of white (1) above black (0), in texture widths.
+        margin: width of the repeats on each side, in texture widths.
+        normal: unit shading normals `[h', w', 3]`; None: those of the triangles, which converge
+            faster with finer triangles than smoothed ones.
     """
     rows, columns = height.shape
     z = relief * (height - height.mean(dtype=np.float64))  # [h, w]
-    around = math.ceil(margin * columns) + 1  # one cell: borders lie half a cell beyond centres
+    around = (
+        math.ceil(margin * columns) + 1
+    )  # one cell more, as edges are half a cell beyond centres
     column = np.arange(-around, columns + around)
     row = np.arange(-around, rows + around)
     x, y = np.meshgrid((column + 0.5) / columns, (rows - row - 0.5) / columns)
@@ -71,7 +78,7 @@ def build_relief(
 
 
 def grid_faces(rows: int, columns: int) -> np.ndarray:
-    """Two triangles `[F, 3]` for each cell of a grid of vertices, row by row from the top."""
+    """Triangles `[F, 3]`, two for each cell of a grid of vertices, row by row from the top."""
     corner = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
     top_left, top_right = corner[:-1, :-1], corner[:-1, 1:]
     low_left, low_right = corner[1:, :-1], corner[1:, 1:]

@@ -1,4 +1,4 @@
-"""Where a synthesis goes: the format that a name asks for, and room on its disk."""
+"""The target of a synthesis: its format, by the suffix, and the space on its disk."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ FORMATS = "expected a new name that ends in .zip (UBO2003, 8 bit), .npz, or noth
 
 @dataclass(frozen=True)
 class Target:
-    """A format to write.
+    """A format of the output.
 
     Attributes:
-        hdr: whether it holds any value; else 8-bit codes of 0 to 1.
-        bytes_per_value: at most, uncompressed.
-        write: the writer, called with (path, btf, progress=...).
+        hdr: whether it holds values of any size; else 8-bit codes of 0 to 1.
+        bytes_per_value: largest number of bytes of a value, uncompressed.
+        write: writer, called with (path, btf, progress=...).
     """
 
     hdr: bool
@@ -32,10 +32,10 @@ class Target:
 
 
 def target_of(output: Path, gamma: float) -> Target:
-    """The format that a name asks for.
+    """The format of an output, by its suffix; `gamma` is the display gamma of a zip.
 
     Raises:
-        OutputError: it exists, its folder does not, or its ending is unknown.
+        OutputError: the output exists, its folder does not, or its suffix is unknown.
     """
     targets = {
         ".zip": Target(False, 1, partial(write_ubo2003, gamma=gamma)),
@@ -55,15 +55,15 @@ def target_of(output: Path, gamma: float) -> Target:
 
 
 def hidden_folder(output: Path, needed: int) -> TemporaryDirectory[str]:
-    """A folder beside the output that is removed in the end.
+    """A hidden temporary folder beside the output.
 
     Raises:
-        OutputError: it cannot be made, or the disk has no room for `needed` bytes.
+        OutputError: the folder cannot be made, or the disk lacks space for `needed` bytes.
     """
     try:
         free = shutil.disk_usage(output.parent).free
         if free < needed:
-            # Before rendering, because a mapped file on a full disk kills the process.
+            # Checked before rendering, as a mapped file on a full disk kills the process.
             raise OutputError(
                 f"{output} and its pictures need up to {needed / 1e9:.3g} GB of disk but "
                 f"{output.parent} has {free / 1e9:.3g} GB; free some, or use a smaller --size."

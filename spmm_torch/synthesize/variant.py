@@ -1,4 +1,4 @@
-"""Which Mitsuba works here, found out without risking this process."""
+"""The variant of Mitsuba that works on this machine, found in a process of its own."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..config.synthesis import FAST, PLAIN, VARIANTS
 from ..errors import ConfigError
 from ..runtime.progress import Progress
 
-# An LLVM that is too old for the processor aborts while it compiles a kernel such as this one.
+# A render that aborts its process if LLVM is too old for the processor.
 PROBE = """
 import sys
 import mitsuba
@@ -28,15 +28,15 @@ PROBE_SECONDS = 120
 
 
 def load_mitsuba(variant: str, threads: int, progress: Progress) -> Any:
-    """The module `mitsuba`, set to a variant that works here.
+    """The module `mitsuba`, set to a variant that works on this machine.
 
     Args:
-        variant: one of VARIANTS; "auto" prefers speed.
-        threads: 0 = one for each core.
-        progress: is told in one line where "auto" has to do with the slow variant.
+        variant: one of VARIANTS; "auto" is the fastest one that works.
+        threads: number of threads; 0: one for each core.
+        progress: receiver of a line if "auto" is the slow variant.
 
     Raises:
-        ConfigError: Mitsuba is not installed, or the variant unknown or not usable.
+        ConfigError: Mitsuba is not installed, or the variant is unknown or does not work.
     """
     if variant not in VARIANTS:
         raise ConfigError(
@@ -59,6 +59,7 @@ def load_mitsuba(variant: str, threads: int, progress: Progress) -> Any:
 
 
 def _choose(variant: str, progress: Progress) -> str:
+    """The name of a variant that works, instead of "auto"."""
     if variant == "auto":
         if works(FAST):
             return FAST
@@ -77,7 +78,7 @@ def _choose(variant: str, progress: Progress) -> str:
 
 @cache
 def works(variant: str) -> bool:
-    """Whether a variant renders here; tried in a process of its own, which may abort."""
+    """Whether a variant renders on this machine; tried in its own process, which may abort."""
     if variant == PLAIN:
         return True
     try:

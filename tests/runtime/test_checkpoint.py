@@ -103,11 +103,12 @@ def test_seconds_outlast_the_process(tmp_path: Path) -> None:
 
 
 def test_a_file_that_a_kill_left_half_written_is_ignored(tmp_path: Path) -> None:
-    (tmp_path / "a.safetensors.part").write_bytes(b"half")
+    unfinished = ".a.safetensors.1.tmp"
+    (tmp_path / unfinished).write_bytes(b"half")
     stage = Stage()
     check_equal(checkpoint(tmp_path).once("a", Numbers, stage), stage.result)
     assert stage.calls == 1
-    assert names(tmp_path) == ["a.safetensors"]
+    assert names(tmp_path) == [unfinished, "a.safetensors"]
 
 
 @pytest.mark.parametrize("size", [0, 4, 100, -1])

@@ -1,6 +1,6 @@
-"""Codecs: one module for each way to store a single picture, as `base.Codec` says.
+"""Codecs: one module for each format of a single picture, with the names of `base.Codec`.
 
-A new kind of picture is one module and one line in `NAMES`.
+A new format is one module and one line in `NAMES`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .base import Codec
 
 __all__ = ["CODECS", "DECODE_ERRORS", "SUFFIXES", "Codec", "codec_of"]
 
-# In the order in which they are asked. Pillow takes whatever the others leave, so it stays last.
+# The first codec in this order that accepts a picture decodes it; Pillow accepts all, so is last.
 NAMES = (
     "openexr",
     "radiance",
@@ -32,10 +32,11 @@ DECODE_ERRORS = (
     OverflowError,
     Image.DecompressionBombError,
 )
+# Bytes by which a codec is found.
 HEAD_BYTES = 64
 
 
 def codec_of(payload: bytes) -> Codec:
-    """The codec of a picture, by its first bytes."""
+    """The codec of a picture, found by its first bytes."""
     head = payload[:HEAD_BYTES]
     return next(codec for codec in CODECS if codec.accepts(head))

@@ -1,4 +1,4 @@
-"""What every codec is: a module that turns the bytes of one picture into codes and values."""
+"""The interface of a codec: a module that decodes the bytes of one picture to codes."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ..codes import Expansion
 
 
 class Codec(Protocol):
-    """The names that the module of a codec holds."""
+    """The names in the module of a codec."""
 
     @property
     def TITLE(self) -> str:  # noqa: N802
-        """What error messages call such pictures."""
+        """The name of the format in messages."""
         ...
 
     @property
     def SUFFIXES(self) -> Sequence[str]:  # noqa: N802
-        """How names of such files end, in lower case."""
+        """The suffixes of its files, in lower case."""
         ...
 
     @property
@@ -29,11 +29,11 @@ class Codec(Protocol):
         ...
 
     def accepts(self, head: bytes) -> bool:
-        """Whether a file that starts with these bytes is such a picture."""
+        """Whether a file that starts with these bytes has this format."""
         ...
 
     def decode(self, payload: bytes) -> np.ndarray:
-        """Codes `[H, W, B]` of a whole file as it stores them, row 0 at the top.
+        """Codes `[H, W, B]` of a file as it stores them, row 0 at the top.
 
         Raises:
             ValueError: the picture is malformed or truncated; the text says how.
@@ -41,9 +41,10 @@ class Codec(Protocol):
         ...
 
     def expansion(self, gamma: float) -> Expansion:
-        """How codes `[..., B]` become linear values `[..., 3]`.
+        """The expansion of codes `[..., B]` to linear values `[..., 3]`.
 
         Args:
-            gamma: exponent that makes display-encoded codes linear; linear pictures ignore it.
+            gamma: exponent that turns display-encoded codes into linear values; without effect on
+                linear pictures.
         """
         ...

@@ -1,7 +1,7 @@
 """OpenEXR pictures (.exr): half or single floats, kept bit for bit.
 
-Channels R, G and B, or Y alone for grey, of the first part; other channels are ignored, and so is
-the display window. Read and written in memory by the OpenEXR library.
+Its channels are R, G and B, or Y alone for grey, of the first part; other channels and the display
+window are ignored. The OpenEXR library reads and writes it in memory.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ LUMINANCE = "Y"
 CHROMA = ("RY", "BY")
 FLOAT_TYPES = (np.dtype(np.float16), np.dtype(np.float32))
 MAX_PIXELS = 1 << 28
-# The library makes room for what a header asks for before it looks at the pixels. Deflate yields
-# 1032 bytes from one at most and a wavelet of a plain picture hardly more.
+# The library allocates memory by the header, before it reads pixels. Deflate expands a byte to at
+# most 1032 bytes, and a wavelet of a uniform picture expands it hardly more.
 MAX_PIXELS_PER_BYTE = 1 << 12
 
 
@@ -34,7 +34,7 @@ def accepts(head: bytes) -> bool:
 
 
 def read_size(payload: bytes) -> tuple[int, int]:
-    """(height, width) of the data window, from the header.
+    """The (height, width) of the data window, from the header.
 
     Raises:
         ValueError: the header is malformed.
@@ -58,12 +58,12 @@ def decode(payload: bytes) -> np.ndarray:
     channels = _open(payload, separate_channels=True).channels()
     names = _color_names(channels)
     planes = [_plane(channels[name], name, size) for name in names]
-    # Of half and single planes, numpy makes single ones.
+    # Planes of float16 and float32 are stacked to float32.
     return np.stack(planes if len(planes) == 3 else planes * 3, axis=-1)
 
 
 def expansion(gamma: float) -> Expansion:
-    """None needed: codes are linear values."""
+    """The expansion of codes, which are linear values already."""
     return FloatExpansion()
 
 
@@ -71,14 +71,14 @@ def encode(picture: np.ndarray) -> bytes:
     """An OpenEXR file of values `[H, W, 3]`: HALF of float16, FLOAT of float32, ZIP compression.
 
     Raises:
-        ValueError: another shape or type.
+        ValueError: the shape or type is another one.
     """
     if picture.ndim != 3 or picture.shape[2] != 3 or 0 in picture.shape:
         raise ValueError(f"values have shape {list(picture.shape)}; expected [H, W, 3]")
     if picture.dtype not in FLOAT_TYPES:
         raise ValueError(f"values have type {picture.dtype}; expected float16 or float32")
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    # The library writes strided arrays wrong without a word.
+    # The library writes strided arrays wrongly, without an error.
     file = OpenEXR.File(header, {"RGB": np.ascontiguousarray(picture)})
     buffer = io.BytesIO()
     file.write(buffer)
@@ -86,18 +86,19 @@ def encode(picture: np.ndarray) -> bytes:
 
 
 def _open(payload: bytes, **options: bool) -> OpenEXR.File:
-    """The library's view of a file that has at least one part."""
+    """The file as the library opens it, with at least one part."""
     try:
         file = OpenEXR.File(io.BytesIO(payload), **options)
     except (RuntimeError, ValueError, TypeError) as error:
         raise ValueError(f"OpenEXR: {error}") from error
-    # So it reports pixels that it cannot read.
+    # The library reports unreadable pixels by a file without parts.
     if not file.parts:
         raise ValueError("it is truncated or damaged")
     return file
 
 
 def _color_names(channels: dict[str, Any]) -> tuple[str, ...]:
+    """The names of the channels that hold the colour."""
     if all(name in channels for name in COLOR):
         return COLOR
     if LUMINANCE in channels and not any(name in channels for name in CHROMA):

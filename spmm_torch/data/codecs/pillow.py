@@ -1,4 +1,4 @@
-"""8-bit pictures, JPEG and PNG among them, by Pillow."""
+"""8-bit pictures such as JPEG and PNG, decoded by Pillow."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..codes import Expansion, TableExpansion
 TITLE = "JPEG, PNG"
 SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".ppm")
 HDR = False
-# Grey pictures become RGB; other modes have no plain meaning as reflectance.
+# Modes of Pillow: RGB, and grey, which becomes RGB; others are no reflectance.
 MODES = frozenset({"RGB", "L"})
-# No format codes more pixels in a byte; a header that claims more would only cost memory.
-PIXELS_PER_BYTE = 4096
+# Largest number of pixels that a byte can code in any format; a header may lie.
+MAX_PIXELS_PER_BYTE = 4096
 
 
 def accepts(head: bytes) -> bool:
-    """Always: Pillow knows so many formats that it says itself what it cannot read."""
+    """Whether a file is tried with Pillow: always, as Pillow knows many formats."""
     return True
 
 
@@ -27,24 +27,25 @@ def decode(payload: bytes) -> np.ndarray:
     """Codes `[H, W, 3]` uint8, encoded with a gamma.
 
     Raises:
-        OSError: truncated, or not a picture.
-        ValueError: neither RGB nor grey, or more than 8 bits.
+        OSError: the picture is truncated or of no known format.
+        ValueError: the picture is neither RGB nor grey, or has more than 8 bits.
     """
     with _opened(payload) as image:
         if image.mode not in MODES:
             raise ValueError(f"mode {image.mode} instead of 8-bit RGB or grey: convert it to RGB")
-        image.load()  # here, so that a truncated file raises its own error
+        image.load()  # raises here if the file is truncated
         return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
 
 
 def expansion(gamma: float) -> Expansion:
-    """By the gamma that the pictures were encoded with for a display."""
+    """The expansion of codes that were encoded with a display gamma."""
     return TableExpansion.gamma(gamma)
 
 
 def _opened(payload: bytes) -> Image.Image:
+    """The picture, whose pixels are not decoded yet."""
     image = Image.open(io.BytesIO(payload))
-    if image.width * image.height > PIXELS_PER_BYTE * len(payload):
+    if image.width * image.height > MAX_PIXELS_PER_BYTE * len(payload):
         raise ValueError(
             f"{image.width} x {image.height} pixels cannot come from {len(payload)} bytes"
         )

@@ -1,17 +1,18 @@
 """Radiance pictures (.hdr): three mantissas and one shared exponent, a byte each.
 
-A code (r, g, b, e) means (r, g, b) * 2^(e - 136), and black where e = 0. Radiance itself adds a
-half to each mantissa; OpenCV, FreeImage and stb do not, and neither does this module, so that
-zero stays zero. `EXPOSURE` and `COLORCORR` lines are divided out, as the format asks for: without
-loss where they are powers of two, otherwise rounded to the nearest code.
+A code (r, g, b, e) stands for (r, g, b) * 2^(e - 136), and for black where e = 0. Radiance itself
+adds 1/2 to each mantissa. This module does not, so that zero stays zero, as in OpenCV, FreeImage
+and stb. Values are divided by the `EXPOSURE` and `COLORCORR` lines, as the format demands: exactly
+for powers of two, else rounded to the nearest code.
 
-Format: Radiance's `filefmts.pdf`; its run-length encodings are in `scanlines.py`.
+Source: `filefmts.pdf` of Radiance; `scanlines.py` has the run-length encodings.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -25,24 +26,31 @@ SUFFIXES = (".hdr", ".pic", ".rgbe")
 HDR = True
 MAGIC = b"#?"
 ENCODING = "32-bit_rle_rgbe"
-# Headers are a few lines; a file that starts otherwise is not searched to its end.
+# Limits of a header, which is a few lines long: no file is searched to its end for more.
 MAX_HEADER_LINES = 1000
 MAX_LINE_BYTES = 1 << 16
 MAX_PIXELS = 1 << 28
 NO_SCALE = (1.0, 1.0, 1.0)
-MAX_SCALE = 1e30  # what it leaves of a value still fits into float32
+MAX_SCALE = 1e30  # scaled values still fit into float32
 RESOLUTION = re.compile(r"([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})")
 
-# Mantissas are fractions of 256 and exponents are biased by 128.
+# Mantissas are fractions of 256 = 2^8, and exponents have a bias of 128.
 EXPONENT_BIAS = 136
 MAX_CODE = 255
-SCALES = np.ldexp(np.float32(1.0), np.arange(256) - EXPONENT_BIAS)  # [256], of each exponent
+SCALES = np.ldexp(np.float32(1.0), np.arange(256) - EXPONENT_BIAS)  # [256], by exponent
 SCALES[0] = 0.0
 
 
 @dataclass(frozen=True)
 class Header:
-    """What the text before the pixels tells; `scale` divides the values of each channel."""
+    """The text before the pixels.
+
+    Attributes:
+        height, width: size of the picture.
+        flip_rows, flip_columns: whether rows run upwards, and columns to the left.
+        scale: divisor of the values of each channel.
+        offset: position of the pixels in the file, in bytes.
+    """
 
     height: int
     width: int
@@ -53,16 +61,18 @@ class Header:
 
 
 class RgbeExpansion:
-    """Radiance's shared exponent: `mantissa * 2 ** (exponent - 136)`, 0 where the exponent is."""
+    """The expansion by a shared exponent: `mantissa * 2 ** (exponent - 136)`, 0 for exponent 0."""
 
-    elementwise = False
-    # A table: powers are not exact on every device.
+    elementwise: ClassVar[bool] = False
+    # A table, as powers are not exact on every device.
     scale = TableExpansion(torch.from_numpy(SCALES))
 
     def __call__(self, codes: Tensor) -> Tensor:
+        """Values `[..., 3]` float32 of codes `[..., 4]` uint8."""
         return codes[..., :3].float() * self.scale(codes[..., 3:])
 
     def bounds(self, codes: Tensor) -> tuple[float, float]:
+        """The lowest and the highest value of codes `[..., 4]`; see `Expansion.bounds`."""
         low, high = self(codes).aminmax()
         return float(low), float(high)
 
@@ -90,7 +100,7 @@ def decode(payload: bytes) -> np.ndarray:
 
 
 def expansion(gamma: float) -> Expansion:
-    """By the shared exponent; the pictures are linear."""
+    """The expansion of codes by their shared exponent, to linear values."""
     return RgbeExpansion()
 
 
@@ -98,7 +108,7 @@ def encode(picture: np.ndarray) -> bytes:
     """A Radiance file of codes `[H, W, 4]` uint8, run-length encoded where the width allows it.
 
     Raises:
-        ValueError: another shape or type, or codes that cannot be told from runs.
+        ValueError: the shape or type is another one, or a code would read as a run.
     """
     if picture.ndim != 3 or picture.shape[2] != 4 or 0 in picture.shape:
         raise ValueError(f"codes have shape {list(picture.shape)}; expected [H, W, 4]")
@@ -118,14 +128,14 @@ def float_to_rgbe(values: np.ndarray) -> np.ndarray:
     """The nearest codes `[..., 4]` uint8 of linear values `[..., 3]`.
 
     Raises:
-        ValueError: a value is negative, not a number, or beyond the largest exponent.
+        ValueError: a value is negative, not finite, or beyond the largest exponent.
     """
     exact = np.asarray(values, dtype=np.float64)
     brightest = exact.max(axis=-1, keepdims=True)  # [..., 1]
     if not (exact >= 0.0).all() or not np.isfinite(brightest).all():
         raise ValueError("values are negative or not finite; Radiance pictures cannot hold them")
     _, power = np.frexp(brightest)
-    # A mantissa that would round up to 256 takes the next exponent.
+    # The exponent grows where a mantissa would round up to 256.
     power += np.rint(np.ldexp(brightest, 8 - power)) > MAX_CODE
     exponent = np.maximum(power + 128, 1)
     if exponent.max(initial=0) > MAX_CODE:
@@ -136,6 +146,7 @@ def float_to_rgbe(values: np.ndarray) -> np.ndarray:
 
 
 def _read_header(payload: bytes) -> Header:
+    """The header of a file; a ValueError if it is malformed."""
     if not accepts(payload):
         raise ValueError("it does not start like a Radiance picture")
     scale = NO_SCALE
@@ -153,13 +164,13 @@ def _read_header(payload: bytes) -> Header:
     else:
         raise ValueError("its header has no end")
     if not all(1.0 / MAX_SCALE <= factor <= MAX_SCALE for factor in scale):
-        raise ValueError(f"its exposure is {scale}; expected positive numbers of a sane size")
+        raise ValueError(f"its exposure is {scale}; expected positive numbers up to {MAX_SCALE:g}")
     line, offset = _read_line(payload, offset)
     return Header(*_read_resolution(line), scale, offset)
 
 
 def _read_line(payload: bytes, offset: int) -> tuple[str, int]:
-    """The line at `offset`, without white space around it, and where the next one starts."""
+    """The stripped line at an offset, and the offset of the next line."""
     end = payload.find(b"\n", offset, offset + MAX_LINE_BYTES)
     if end < 0:
         raise ValueError("its header ends early")
@@ -167,7 +178,7 @@ def _read_line(payload: bytes, offset: int) -> tuple[str, int]:
 
 
 def _read_factors(key: str, value: str) -> list[float]:
-    """The factor of each channel in a header line."""
+    """The factors of the three channels in a header line."""
     factors = [float(word) for word in value.split()]
     if key == "EXPOSURE":
         factors = factors * 3
@@ -177,10 +188,10 @@ def _read_factors(key: str, value: str) -> list[float]:
 
 
 def _read_resolution(line: str) -> tuple[int, int, bool, bool]:
-    """(height, width, whether rows are flipped, whether columns are) of `-Y height +X width`.
+    """The (height, width, flip_rows, flip_columns) of a line such as `-Y height +X width`.
 
-    The files of ATRIUM say `+X width -Y height` although their scanlines are rows, which run from
-    the bottom up.
+    The files of ATRIUM have `+X width -Y height`, although their scanlines are rows from the bottom
+    up.
     """
     found = RESOLUTION.fullmatch(line)
     if found is None:

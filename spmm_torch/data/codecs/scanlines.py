@@ -1,8 +1,8 @@
 """The pixels of Radiance pictures, in both of their run-length encodings.
 
-Today's encoding stores each scanline channel by channel: a byte of at most 128 says how many bytes
-follow as they are, one above 128 how often the next byte repeats. The old one stores whole pixels,
-where (1, 1, 1, n) repeats the one before. Files without runs read as the old one.
+The current encoding stores each scanline channel by channel. A byte n of at most 128 precedes n
+literal bytes; a byte n above 128 repeats the next byte n - 128 times. The old encoding stores whole
+pixels, where (1, 1, 1, n) repeats the pixel before n times. Files without runs are read as old.
 
 Source: `color.c` of Radiance.
 """
@@ -13,24 +13,24 @@ import math
 
 import numpy as np
 
-# Scanlines of today's encoding start with this and their width, which is in this range. Pixels
-# that start the same have a larger byte next.
+# Scanlines of the current encoding start with this mark and their width, whose first byte is at
+# most MAX_WIDTH_BYTE; in old files a larger byte follows the same mark.
 PLANES_MARK = b"\x02\x02"
 MAX_WIDTH_BYTE = b"\x7f"
 MIN_PLANE_WIDTH, MAX_PLANE_WIDTH = 8, 0x7FFF
-MAX_LITERAL = 128  # a header up to this counts bytes that follow, one above it repeats
+MAX_LITERAL = 128  # largest number of literal bytes; a byte above it stands for a run
 MAX_RUN = 127
-MIN_RUN = 4  # shorter runs cost as much as literals
-# In the old encoding the pixel (1, 1, 1, n) repeats the one before; one more at once counts 256 n.
+MIN_RUN = 4  # shorter runs take as many bytes as literals
+# In the old encoding the pixel (1, 1, 1, n) is a run; a second one right after it counts 256 n.
 OLD_RUN_MARK = 1
 MAX_OLD_SHIFT = 24
 
 
 def decode_scanlines(data: bytes, height: int, width: int) -> np.ndarray:
-    """Codes `[H, W, 4]` uint8 of the scanlines in `data`, in the order they are stored.
+    """Codes `[H, W, 4]` uint8 of the scanlines in `data`, in stored order.
 
     Raises:
-        ValueError: the data end early, or a run crosses its end.
+        ValueError: the data end early, or a run crosses the end of its scanline.
     """
     if _may_hold_planes(width) and data.startswith(PLANES_MARK) and data[2:3] <= MAX_WIDTH_BYTE:
         return _decode_planes(data, height, width)
@@ -41,7 +41,7 @@ def encode_scanlines(codes: np.ndarray) -> bytes:
     """Scanlines of codes `[H, W, 4]` uint8, with runs where the width allows them.
 
     Raises:
-        ValueError: a code that cannot be told from a run.
+        ValueError: a code would read as a run.
     """
     width = codes.shape[1]
     if _may_hold_planes(width):
@@ -56,16 +56,17 @@ def encode_scanlines(codes: np.ndarray) -> bytes:
 
 
 def _may_hold_planes(width: int) -> bool:
+    """Whether the current encoding allows a width."""
     return MIN_PLANE_WIDTH <= width <= MAX_PLANE_WIDTH
 
 
 def _mark(width: int) -> bytes:
-    """The four bytes that start a scanline of today's encoding."""
+    """The four bytes that start a scanline of the current encoding."""
     return PLANES_MARK + width.to_bytes(2, "big")
 
 
 def _decode_planes(data: bytes, height: int, width: int) -> np.ndarray:
-    """Codes `[H, W, 4]` of scanlines that hold each channel on its own, as runs and literals."""
+    """Codes `[H, W, 4]` of scanlines in the current encoding, channel by channel."""
     mark = _mark(width)
     shortest = len(mark) + 4 * 2 * math.ceil(width / MAX_RUN)
     if len(data) < height * shortest:
@@ -92,7 +93,7 @@ def _decode_planes(data: bytes, height: int, width: int) -> np.ndarray:
 
 
 def _append_plane(pieces: list[bytes], data: bytes, position: int, width: int) -> int:
-    """Appends the `width` bytes of one channel of a scanline; returns where the next one starts.
+    """Appends the bytes `[W]` of one channel of a scanline; returns the position of the next.
 
     Raises:
         ValueError: a run is empty or too long.
@@ -118,7 +119,7 @@ def _append_plane(pieces: list[bytes], data: bytes, position: int, width: int) -
 
 
 def _decode_pixels(data: bytes, height: int, width: int) -> np.ndarray:
-    """Codes `[H, W, 4]` of whole pixels, some of which may repeat the one before (old encoding)."""
+    """Codes `[H, W, 4]` of whole pixels and runs of them, in the old encoding."""
     whole = len(data) // 4 * 4
     pixels = np.frombuffer(data[:whole], dtype=np.uint8).reshape(-1, 4)  # [N, 4]
     index = np.arange(len(pixels))
@@ -138,7 +139,7 @@ def _decode_pixels(data: bytes, height: int, width: int) -> np.ndarray:
 
 
 def _encode_plane(plane: np.ndarray) -> bytes:
-    """The `[W]` bytes of one channel of a scanline as runs and literals."""
+    """The bytes `[W]` of one channel of a scanline as runs and literals."""
     starts = np.concatenate(([0], np.flatnonzero(plane[1:] != plane[:-1]) + 1))
     lengths = np.diff(starts, append=len(plane))
     payload = plane.tobytes()
@@ -154,11 +155,13 @@ def _encode_plane(plane: np.ndarray) -> bytes:
 
 
 def _literals(payload: bytes) -> list[bytes]:
+    """Bytes as they are, each part behind its length."""
     parts = [payload[i : i + MAX_LITERAL] for i in range(0, len(payload), MAX_LITERAL)]
     return [bytes((len(part),)) + part for part in parts]
 
 
 def _runs(value: bytes, length: int) -> list[bytes]:
+    """One byte repeated `length` times, as runs."""
     full, rest = divmod(length, MAX_RUN)
     counts = [MAX_RUN] * full + [rest] * (rest > 0)
     return [bytes((MAX_LITERAL + count,)) + value for count in counts]

@@ -1,15 +1,15 @@
-"""The `.btf` files of UBO2014: factorizations of a BTF, read without ever expanding them.
+"""The `.btf` files of UBO2014: factorizations of a BTF, which are never expanded as a whole.
 
-`header` says what a file holds, `layout` finds and checks it, `store` streams values from the
-factors, `colour` turns them into RGB; `factorize` and `write` make such files.
+`header` describes a file, `layout` parses and checks it, `store` computes values from the factors,
+and `colour` converts them to RGB; `factorize` and `write` make such files.
 
-Conventions that the files leave to the reader:
+Conventions where the format leaves a choice to the reader:
 
-* Values are wanted cosine-weighted. The cosine flag tells whether the cosine of the light is
-  "already multiplied into the data" (the format's authors); where it is zero, values are
-  multiplied here. Headers of version 0 and 1 have no flag: the cosine is taken as included.
-* Pictures and the height map are stored from the bottom row up, and turned here.
-* Reconstruction rings below zero in places: such values become zero. Nothing is cut above.
+* Values are cosine-weighted. The cosine flag tells whether the cosine of the light is "already
+  multiplied into the data" (the format's authors); where the flag is zero, values are multiplied
+  by it here. Headers of version 0 and 1 have no flag: the cosine is taken as included.
+* Pictures and the height map are stored with the bottom row first, and flipped here.
+* Reconstruction rings below zero in places: such values become zero. There is no upper limit.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ __all__ = [
 ]
 
 EXPECTED = "a UBO2014 .btf"
-# A BTF counts its raw size as float32 at most.
+# Largest bytes of a value, float32, by which the raw size of a BTF is counted.
 MAX_BYTES_PER_VALUE = 4
 
 
 def accepts(path: Path) -> bool:
-    """Whether a file starts like one of the Bonn formats, readable here or not."""
+    """Whether a file starts like one of the Bonn formats, including those not readable here."""
     if not path.is_file():
         return False
     with path.open("rb") as stream:
@@ -57,12 +57,12 @@ def accepts(path: Path) -> bool:
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
-    """Open a `.btf`: reads and checks all but the factors themselves.
+    """Opens a `.btf` file: reads and checks everything except for the factors.
 
-    Its values are linear, so `options.gamma` does not touch them.
+    Values are linear, so that `options.gamma` has no effect.
 
     Raises:
-        DataError: not supported, damaged, or a direction is not valid.
+        DataError: the file is not supported or damaged, or a direction is not valid.
     """
     source = Path(path)
     layout = read_layout(source)
@@ -83,6 +83,6 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
 
 
 def _unit_vectors(angles: np.ndarray, where: str) -> Tensor:
-    """Checked unit vectors `[N, 3]` of angles `[N, 2]`: polar and azimuth, radians."""
+    """Checked unit vectors `[N, 3]` of angles (polar, azimuth) `[N, 2]`, in radians."""
     polar, azimuth = torch.from_numpy(angles).double().unbind(-1)
     return checked_directions(direction_from_angles(polar, azimuth), where)

@@ -1,4 +1,4 @@
-"""How the factored channels of a UBO2014 file become linear RGB, and back."""
+"""Conversion of the factored channels of a UBO2014 file to linear RGB, and back."""
 
 from __future__ import annotations
 
@@ -9,26 +9,30 @@ from torch import Tensor
 
 # Numbers of the colour models in the files.
 RGB, LOG_YUV = 0, 11
-# Added before a logarithm and taken off after the exponential, in every file.
+# Offset that every file adds before a logarithm and subtracts after the exponential.
 LOG_OFFSET = 1e-5
 YUV_TO_RGB = ((1.0, 0.0, 1.13983), (1.0, -0.39465, -0.5806), (1.0, 2.03211, 0.0))
 
 
 def decode(planes: Sequence[Tensor], colour_model: int, log_values: bool) -> list[Tensor]:
-    """Linear RGB, not negative, of the three reconstructed channels; works in their memory.
+    """Linear RGB, not negative, of the three reconstructed channels, computed in their memory.
 
     Args:
-        planes: three tensors of one shape.
-        colour_model: RGB or LOG_YUV.
+        planes: three channels `[...]`, equal in shape.
+        colour_model: colour model, RGB or LOG_YUV.
         log_values: whether the channels are logarithms of RGB.
+
+    Returns:
+        the planes `[...]` of R, G and B.
     """
     rgb = _rgb_from_log_yuv(*planes) if colour_model == LOG_YUV else list(planes)
     if log_values:
         rgb = [plane.exp_().sub_(LOG_OFFSET) for plane in rgb]
-    return [plane.clamp_min_(0.0) for plane in rgb]  # keeps NaN, which the caller looks for
+    return [plane.clamp_min_(0.0) for plane in rgb]  # keeps NaN, for which the caller checks
 
 
 def _rgb_from_log_yuv(first: Tensor, second: Tensor, third: Tensor) -> list[Tensor]:
+    """R, G and B `[...]` of the channels log Y, U / Y and V / Y `[...]`, in their memory."""
     (_, _, red_v), (_, green_u, green_v), (_, blue_u, _) = YUV_TO_RGB
     y = first.exp_().sub_(LOG_OFFSET)
     u = second.mul_(y).add_(LOG_OFFSET)
@@ -38,10 +42,10 @@ def _rgb_from_log_yuv(first: Tensor, second: Tensor, third: Tensor) -> list[Tens
 
 
 def encode(values: Tensor, colour_model: int, log_values: bool) -> Tensor:
-    """The inverse of `decode`: channels `[..., 3]` to factor, of linear RGB `[..., 3]`.
+    """The channels `[..., 3]` to factor of linear RGB `[..., 3]`: the inverse of `decode`.
 
-    Where Y is below 1e-5 the quotients of LOG_YUV are damped, as they would blow up; what comes
-    back is off by less than 1e-4 there.
+    Where Y is below 1e-5 the quotients of LOG_YUV are damped, lest they overflow; `decode` then
+    gives RGB with an error below 1e-4.
     """
     if log_values:
         return (values + LOG_OFFSET).log()

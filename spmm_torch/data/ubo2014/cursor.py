@@ -1,4 +1,4 @@
-"""Reading a binary file front to back without believing any count it holds."""
+"""Reader of a binary file from front to back, which trusts none of its counts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from ...errors import DataError
 
 
 class Cursor:
-    """Reads little-endian numbers, each only if the file still has the bytes for it.
+    """Reads little-endian numbers, after a check that the file has enough bytes left.
+
+    Every method that reads raises a DataError if the file ends early.
 
     Args:
-        path: what the file is called in messages.
-        stream: positioned at the start.
-        size: of the whole file, bytes.
+        path: path of the file, for messages.
+        stream: file, positioned at its start.
+        size: size of the file in bytes.
     """
 
     def __init__(self, path: Path, stream: BinaryIO, size: int) -> None:
@@ -26,46 +28,62 @@ class Cursor:
         self._size = size
 
     def take(self, count: int, what: str) -> bytes:
-        """The next `count` bytes, which hold `what`.
+        """The next `count` bytes; `what` names them in messages.
 
         Raises:
-            DataError: fewer are left; nothing is allocated then.
+            DataError: fewer bytes are left; no memory is allocated then.
         """
         self._require(count, what)
         payload = self._stream.read(count)
-        if len(payload) != count:  # the file shrank meanwhile
+        if len(payload) != count:  # the file has shrunk meanwhile
             self._end_early(count, len(payload), what)
         self.position += count
         return payload
 
     def skip(self, count: int, what: str) -> None:
-        """Step over `count` bytes that must be there."""
+        """Skips `count` bytes.
+
+        Raises:
+            DataError: fewer bytes are left.
+        """
         self._require(count, what)
         self.position += count
         self._stream.seek(self.position)
 
     def rewind(self, position: int) -> None:
-        """Go back to a position that was read already."""
+        """Goes back to an earlier position, in bytes."""
         self.position = position
         self._stream.seek(position)
 
     def peek(self, count: int) -> bytes:
-        """The next bytes, at most `count` of them, which stay unread."""
+        """At most `count` of the next bytes, without moving on."""
         following = self._stream.read(count)
         self._stream.seek(self.position)
         return following
 
     def array(self, dtype: str | np.dtype, count: int, what: str) -> np.ndarray:
-        """`count` numbers of a type."""
+        """The next numbers of a type, `[count]`.
+
+        Raises:
+            DataError: the file ends early.
+        """
         payload = self.take(count * np.dtype(dtype).itemsize, what)
         return np.frombuffer(payload, dtype=dtype)
 
     def integer(self, dtype: str, what: str) -> int:
-        """One integer of a type such as "<u4"."""
+        """The next integer of a type such as "<u4".
+
+        Raises:
+            DataError: the file ends early.
+        """
         return int(self.array(dtype, 1, what)[0])
 
     def count(self, what: str, most: int | None = None) -> int:
-        """A number of things, of which there must be some, and `most` at most."""
+        """The next number of things, checked to be from 1 to `most`.
+
+        Raises:
+            DataError: the number is out of this range, or the file ends early.
+        """
         offset = self.position
         number = self.integer("<u4", f"the number of {what}")
         if number < 1 or (most is not None and number > most):
@@ -74,14 +92,18 @@ class Cursor:
         return number
 
     def text(self, count: int, what: str) -> str:
-        """A text of `count` bytes, up to its first zero byte."""
+        """The next text, of `count` bytes, up to its first zero byte.
+
+        Raises:
+            DataError: the file ends early.
+        """
         return self.take(count, what).split(b"\0", 1)[0].decode("utf-8", "replace")
 
     def finish(self) -> None:
-        """Check that nothing follows.
+        """Checks that the file ends here.
 
         Raises:
-            DataError: something does.
+            DataError: more bytes follow.
         """
         if self.position != self._size:
             raise self.error(
@@ -91,7 +113,7 @@ class Cursor:
             )
 
     def error(self, what: str, offset: int, expected: str) -> DataError:
-        """The error for something wrong at a byte of the file."""
+        """The error for a fault at an offset of the file, in bytes."""
         return DataError(
             f"{self._path} {what} at byte {offset}; expected {expected}; "
             f"the file is damaged or of another kind: copy it again from where it came."

@@ -1,4 +1,4 @@
-"""Truncated singular value decomposition of a BTF too large to hold, in a few passes over it."""
+"""Truncated singular value decomposition of a BTF that memory cannot hold, in a few passes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..btf import BTF, CHUNK_VALUES
 from ..store import Progress
 from .colour import encode
 
-# The random subspace is larger than what is kept by this much, and pulled towards the leading
-# singular vectors this often: the error is within a percent of the best possible one.
+# Dimensions of the random subspace beyond those that are kept, and power iterations towards the
+# leading singular vectors: with these the error is within 1 % of the smallest possible one.
 OVERSAMPLING = 20
 POWER_ITERATIONS = 2
-# One more for the range itself and one for the coordinates.
+# Passes over the BTF: the power iterations, one for the range and one for the coordinates.
 PASSES = POWER_ITERATIONS + 2
 
 Factorization = tuple[Tensor, Tensor, Tensor]  # singular values [k], U [rows, k], SV [T, k]
@@ -33,21 +33,27 @@ def factorize(
     device: torch.device,
     progress: Progress | None = None,
 ) -> list[Factorization]:
-    """The leading singular triplets of a BTF's matrix `[T, D]` of each channel, or `[T, D C]`.
+    """The leading singular triplets of the matrix `[T, D]` of each channel, or of `[T, D C]`.
 
     Randomized subspace iteration [Halko, Martinsson, Tropp 2011, Alg. 4.4] with M^T M, so that
-    only U and SV are held.
+    memory holds only U and SV.
 
     Args:
-        components: how many, fewer if the matrix has fewer rows or columns.
-        joint: one matrix of all channels, channel fastest, instead of one for each.
-        colour_model, log_values: what to factor, see `colour.encode`.
-        generator: on the CPU; the same seed gives the same factors on the same device.
-        dtype: to compute in.
-        progress: told (texels done, texels of all passes).
+        btf: BTF to factor.
+        components: number of triplets; fewer if the matrix has fewer rows or columns.
+        joint: whether to factor one matrix of all channels, channel fastest, instead of one each.
+        colour_model, log_values: encoding of the values, see `colour.encode`.
+        generator: random generator on the CPU; one seed gives one result on a device.
+        dtype: type to compute in.
+        device: device to compute on.
+        progress: called with (texels done, texels of all passes).
 
     Returns:
-        one factorization, or one for each channel, on the CPU.
+        one factorization, or one for each channel: singular values `[k]`, U `[D, k]` or
+        `[D C, k]`, and SV `[T, k]`, on the CPU.
+
+    Raises:
+        DataError: a picture cannot be decoded, or a value is not valid.
     """
     matrices = 1 if joint else btf.channels
     width = btf.pair_count * (btf.channels if joint else 1)
@@ -56,7 +62,7 @@ def factorize(
     done = 0
 
     def blocks() -> Iterator[Tensor]:
-        """The matrices `[matrices, n, width]` of some texels at a time."""
+        """The rows `[matrices, n, width]` of each block of texels."""
         nonlocal done
         for start in range(0, btf.texel_count, size):
             values = btf.texels(slice(start, start + size), device).to(dtype)  # [n, D, C]
@@ -78,11 +84,12 @@ def factorize(
 
 
 def _leading(basis: Tensor, coordinates: Tensor, components: int) -> Factorization:
-    """Turn M = coordinates basis^T into its leading singular triplets.
+    """The leading singular triplets of M = coordinates basis^T.
 
     Args:
         basis: orthonormal columns `[width, rank]`.
-        coordinates: `[T, rank]`.
+        coordinates: coordinates of the rows of M, `[T, rank]`.
+        components: number of triplets, k.
     """
     gram = coordinates.T.double() @ coordinates.double()  # [rank, rank]
     squares, vectors = torch.linalg.eigh(gram)  # ascending

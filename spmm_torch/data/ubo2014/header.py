@@ -1,4 +1,4 @@
-"""What a UBO2014 file says about itself, and where its factors lie."""
+"""The header of a UBO2014 file, and the places of its factors."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import numpy as np
 
 DFMF, FMF06, FMF12 = "DFMF08FC", "FMF06FC", "FMF12FCE"
 VARIANTS = (DFMF, FMF06, FMF12)
-# Per-view factorizations and unfactored data: known to exist, read by no public loader.
+# Per-view factorizations and unfactored data, which no public loader reads.
 UNSUPPORTED = ("PVF0", "BDIF")
 MAGICS = tuple(f"!{name}".encode() for name in (*VARIANTS, *UNSUPPORTED))
 
 SCALARS = {2: np.dtype("<f2"), 4: np.dtype("<f4"), 8: np.dtype("<f8")}
 CHANNEL_NAMES = ("R", "G", "B")
 CHANNELS = len(CHANNEL_NAMES)
-# Length of the three texts of a fixed size.
+# Bytes of each of the three texts of fixed size.
 TEXT_BYTES = 80
-# Versions above these have a cosine flag, an XML text and names of the channels.
+# Versions of the header above these have a cosine flag, an XML text and names of channels.
 BEFORE_COSINE, BEFORE_XML, BEFORE_CHANNELS = 1, 2, 3
-# Versions of the extension of FMF12FCE from these on tell of log values and of a height map.
+# Versions of the extension of FMF12FCE from these on have a flag of log values and a height map.
 WITH_LOG_VALUES, WITH_HEIGHT_MAP = 1, 2
 
 
@@ -33,27 +33,27 @@ def _identity() -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """All of a file but its factors.
+    """The content of a file without its factors.
 
     Args:
-        variant: the magic without "!": DFMF08FC has factors for each channel, FMF06FC and
-            FMF12FCE have one pair of factors for all channels.
-        width, height: of the pictures.
-        view, light: (polar, azimuth) in radians, float32 `[V, 2]` and `[L, 2]`.
-        cosine: whether values are already multiplied by the cosine of the light; None if the
-            file does not tell.
-        colour_model: 0 for RGB, 11 for log Y, U / Y, V / Y (DFMF only).
+        variant: magic without "!": DFMF08FC has factors for each channel, FMF06FC and FMF12FCE
+            have one pair of factors for all channels.
+        width, height: size of the pictures.
+        view, light: angles (polar, azimuth) in radians, float32 `[V, 2]` and `[L, 2]`.
+        cosine: whether values contain the cosine of the light; None if the file does not tell.
+        colour_model: 0 for RGB, 11 for log Y, U / Y, V / Y (DFMF08FC only).
         log_values: whether values are logarithms, "dynamic range reduction" (FMF12FCE only).
-        height_map: codes `[h, w]` uint16, row 0 at the top; the format's authors store float16
-            bits in them (FMF12FCE only).
-        version: of the header that was read; written is always the newest.
-        setup, sensor, light_source: texts of 80 bytes at most.
+        height_map: codes `[h, w]` uint16, row 0 at the top, into which the format's authors store
+            the bits of float16 (FMF12FCE only).
+        version: version of the header that was read; the newest is always written.
+        setup, sensor, light_source: texts of at most 80 bytes.
         pixels_per_mm: resolution of the pictures.
-        rgb_scale: as stored; no public loader applies it.
+        rgb_scale: factors of the channels as stored; no public loader applies them.
         xml: description of the measurement.
-        channel_names: one for each channel.
-        rotations: local frames `[n, 3, 3]` float32, as stored; no public loader applies them.
-        colour_mean, colour_transform: as stored; colour models 0 and 11 do not use them.
+        channel_names: name of each channel.
+        rotations: local frames `[n, 3, 3]` float32 as stored; no public loader applies them.
+        colour_mean, colour_transform: `[3]` and `[3, 3]` as stored; colour models 0 and 11 do not
+            use them.
     """
 
     variant: str
@@ -79,28 +79,28 @@ class Header:
 
     @property
     def texel_count(self) -> int:
-        """T, the columns of the factored matrix."""
+        """The number of texels, T: the columns of the factored matrix."""
         return self.width * self.height
 
     @property
     def pair_count(self) -> int:
-        """D, the number of direction pairs."""
+        """The number of direction pairs, D."""
         return len(self.view) * len(self.light)
 
     @property
     def factor_count(self) -> int:
-        """How many pairs of factors the variant has."""
+        """The number of pairs of factors of the variant."""
         return CHANNELS if self.variant == DFMF else 1
 
     @property
     def factor_rows(self) -> int:
-        """Rows of the factored matrix: direction pairs, times channels where they share it."""
+        """The rows of the factored matrix: D, or D C for one matrix of all channels."""
         return self.pair_count * (CHANNELS // self.factor_count)
 
 
 @dataclass(frozen=True)
 class Matrix:
-    """Where numbers `[rows, width]` lie in a file, row after row."""
+    """The place of a matrix `[rows, width]` in a file, row by row, from an offset in bytes."""
 
     offset: int
     rows: int
@@ -109,23 +109,23 @@ class Matrix:
 
     @property
     def row_bytes(self) -> int:
-        """Distance from one row to the next."""
+        """Bytes of one row."""
         return self.width * self.dtype.itemsize
 
     @property
     def nbytes(self) -> int:
-        """Size of all rows."""
+        """Bytes of all rows."""
         return self.rows * self.row_bytes
 
 
 @dataclass(frozen=True)
 class Factors:
-    """Where one factorization U SV^T lies.
+    """The place of one factorization U SV^T in a file.
 
     Args:
-        singular_values: one row `[1, k]`; they are multiplied into SV already.
-        left: U `[rows, k]`, a row for each direction pair (and channel, channel fastest).
-        right: SV `[T, k]`, a row for each texel, pictures from the bottom row up.
+        singular_values: one row `[1, k]`; SV contains them already.
+        left: U `[rows, k]`, one row for each direction pair (and channel, channel fastest).
+        right: SV `[T, k]`, one row for each texel, with the bottom row of pictures first.
     """
 
     singular_values: Matrix
@@ -135,12 +135,12 @@ class Factors:
 
 @dataclass(frozen=True)
 class Layout:
-    """A checked file: its header, and its factors for each channel or for all of them."""
+    """The header of a checked file, and the places of its factors, one for each or all channels."""
 
     header: Header
     factors: tuple[Factors, ...]
 
     @property
     def scalar_bytes(self) -> int:
-        """Size of one number of the factors: 2, 4 or 8."""
+        """Bytes of one number of the factors: 2, 4 or 8."""
         return self.factors[0].right.dtype.itemsize

@@ -1,6 +1,6 @@
-"""Parse a UBO2014 file up to its factors, and check every count against the bytes there are.
+"""Parser of UBO2014 files without their factors, which checks every count against the file size.
 
-Layout of the bytes after the Bonn BTF library and the public loaders that follow it.
+Source: the Bonn BTF library, and the public loaders that follow it.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ from .header import (
 )
 from .sampling import read_sampling
 
-# Where the version starts if the letter R and the size of the header come before it.
+# Offset of the version if the letter R and the size of the header precede it.
 VERSION_AFTER_LETTER = 5
 
 
 def read_header(path: Path | str) -> Header:
-    """What a file says about itself; its factors are not read.
+    """The header of a file, whose factors are not read.
 
     Raises:
-        DataError: not supported or damaged.
+        DataError: the file is not supported or damaged.
     """
     return read_layout(Path(path)).header
 
 
 def read_layout(path: Path) -> Layout:
-    """The header of a file and where its factors lie, all checked.
+    """The header of a file and the places of its factors, all checked.
 
     Raises:
-        DataError: not supported, damaged, or it cannot be opened.
+        DataError: the file is not supported or damaged, or cannot be opened.
     """
     try:
         with path.open("rb") as stream:
@@ -65,6 +65,7 @@ def read_layout(path: Path) -> Layout:
 
 
 def _parse(cursor: Cursor) -> Layout:
+    """The layout of a file from its first to its last byte."""
     variant = _variant(cursor)
     with_rotations = _has_rotations(cursor)
     if with_rotations:
@@ -83,7 +84,7 @@ def _parse(cursor: Cursor) -> Layout:
 
 
 def _variant(cursor: Cursor) -> str:
-    """The name of the format, from the first bytes."""
+    """The name of the variant, by the first bytes."""
     start = cursor.peek(max(map(len, MAGICS)))
     for name in VARIANTS:
         if start.startswith(f"!{name}".encode()):
@@ -99,16 +100,16 @@ def _variant(cursor: Cursor) -> str:
 def _has_rotations(cursor: Cursor) -> bool:
     """Whether the letter R follows, which announces rotations.
 
-    The size of the header, which may follow instead, can start with that byte, too. What follows
-    five bytes later is then the second byte of the header's version, which is zero, and else the
-    first one, which is not.
+    Without it the size of the header follows, whose first byte may also be an R. The byte five
+    positions later decides: after a letter R it is the first byte of the version, which is not
+    zero; otherwise it is the second byte of the version, which is zero.
     """
     following = cursor.peek(VERSION_AFTER_LETTER + 1)
     return following[:1] == b"R" and following[VERSION_AFTER_LETTER:] != b"\0"
 
 
 def _description(cursor: Cursor) -> dict[str, Any]:
-    """Fields of the header proper, whose length is its own first number."""
+    """The fields of the description, which begins with its own size."""
     start = cursor.position
     size = cursor.integer("<u4", "the size of the header")
     version = cursor.integer("<u4", "the version of the header")
@@ -134,6 +135,7 @@ def _description(cursor: Cursor) -> dict[str, Any]:
 
 
 def _channel_names(cursor: Cursor) -> tuple[str, ...]:
+    """The names of the channels, of which there must be three."""
     offset = cursor.position
     count = cursor.integer("<u4", "the number of channels")
     if count != CHANNELS:
@@ -146,13 +148,14 @@ def _channel_names(cursor: Cursor) -> tuple[str, ...]:
 
 
 def _rotations(cursor: Cursor) -> np.ndarray:
+    """The rotations `[n, 3, 3]`."""
     count = cursor.integer("<u4", "the number of rotations")
     return cursor.array("<f4", count * 9, "the rotations").reshape(count, 3, 3)
 
 
 def _colour_model(cursor: Cursor) -> dict[str, Any]:
-    """Fields that only DFMF has."""
-    cursor.integer("<u4", "the number of components")  # each channel tells its own
+    """The fields that only DFMF08FC has."""
+    cursor.integer("<u4", "the number of components")  # each channel has its own
     offset = cursor.position
     model = cursor.integer("<u4", "the colour model")
     if model not in (RGB, LOG_YUV):
@@ -167,7 +170,7 @@ def _colour_model(cursor: Cursor) -> dict[str, Any]:
 
 
 def _extension(cursor: Cursor) -> dict[str, Any]:
-    """Fields that only FMF12FCE has."""
+    """The fields that only FMF12FCE has."""
     offset = cursor.position
     version = cursor.integer("<u1", "the version of the extension")
     if version > WITH_HEIGHT_MAP:
@@ -185,7 +188,7 @@ def _extension(cursor: Cursor) -> dict[str, Any]:
 
 
 def _channel_factors(cursor: Cursor, header: Header) -> tuple[Factors, ...]:
-    """The factors of DFMF, a pair for each channel; all of one type of number."""
+    """The factors of DFMF08FC, one pair for each channel, all of one type of number."""
     factors = []
     for name in header.channel_names:
         offset = cursor.position
@@ -202,7 +205,7 @@ def _channel_factors(cursor: Cursor, header: Header) -> tuple[Factors, ...]:
 
 
 def _shared_factors(cursor: Cursor, header: Header) -> tuple[Factors]:
-    """The factors of FMF, one pair for all channels."""
+    """The factors of FMF06FC and FMF12FCE, one pair for all channels."""
     most = cursor.count("components")
     dtype = _scalar(cursor)
     components = min(most, cursor.count("components"))
@@ -210,6 +213,7 @@ def _shared_factors(cursor: Cursor, header: Header) -> tuple[Factors]:
 
 
 def _scalar(cursor: Cursor) -> np.dtype:
+    """The type of the numbers of the factors."""
     offset = cursor.position
     size = cursor.integer("<u1", "the size of a number")
     if size not in SCALARS:
@@ -218,7 +222,7 @@ def _scalar(cursor: Cursor) -> np.dtype:
 
 
 def _factors(cursor: Cursor, header: Header, components: int, dtype: np.dtype) -> Factors:
-    """Step over one factorization whose shape must fit the header."""
+    """The place of one factorization, whose shape must fit the header; its numbers are skipped."""
     offset = cursor.position
     rows = cursor.integer("<u4", "the number of rows")
     columns = cursor.integer("<u4", "the number of columns")

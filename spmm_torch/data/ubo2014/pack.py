@@ -11,10 +11,13 @@ HEADER_VERSION = BEFORE_CHANNELS + 1
 
 
 def header_bytes(header: Header) -> bytes:
-    """All up to what is special to a variant.
+    """The bytes of a header up to the part that depends on the variant.
 
-    The letter R is always written, with no rotations if there are none: the authors' own library
-    knows two of the variants by no other name.
+    The letter R is always written, also without rotations, because the library of the format's
+    authors knows two of the variants only with it.
+
+    Raises:
+        ConfigError: a text is too long.
     """
     texts = [_fixed_text(header, key) for key in ("setup", "sensor", "light_source")]
     description = b"".join(
@@ -32,7 +35,7 @@ def header_bytes(header: Header) -> bytes:
     return b"".join(
         (
             f"!{header.variant}R".encode(),
-            struct.pack("<I", len(description) + 4),  # counts itself
+            struct.pack("<I", len(description) + 4),  # includes these four bytes
             description,
             struct.pack("<I", len(header.view)),
             *(view.tobytes() + light for view in header.view.astype("<f4")),
@@ -44,6 +47,7 @@ def header_bytes(header: Header) -> bytes:
 
 
 def _fixed_text(header: Header, key: str) -> bytes:
+    """A text of the header, padded with zeros to its fixed size."""
     text = getattr(header, key).encode()
     if len(text) > TEXT_BYTES:
         raise ConfigError(f"{key} has {len(text)} bytes; expected {TEXT_BYTES} at most.")
@@ -51,18 +55,19 @@ def _fixed_text(header: Header, key: str) -> bytes:
 
 
 def _counted(text: str) -> bytes:
+    """The length of a text and the text."""
     payload = text.encode()
     return struct.pack("<I", len(payload)) + payload
 
 
 def colour_bytes(header: Header, components: int) -> bytes:
-    """What only DFMF has; loaders ignore the number of components."""
+    """The bytes that only DFMF08FC has; loaders ignore the number of components."""
     numbers = (*header.colour_mean, *header.colour_transform.reshape(-1).tolist())
     return struct.pack("<2I12f", components, header.colour_model, *numbers)
 
 
 def extension_bytes(header: Header) -> bytes:
-    """What only FMF12FCE has."""
+    """The bytes that only FMF12FCE has."""
     start = struct.pack("<BI", WITH_HEIGHT_MAP, header.log_values)
     if header.height_map is None:
         return start + struct.pack("<2I", 0, 0)

@@ -11,22 +11,23 @@ from torch.nn.functional import pad
 
 from .colour import decode
 
-# Tiles (texels, direction pairs): three channels of one stay in the cache of a core, or fill a
-# GPU. A matrix product may round otherwise for another number of rows, and a value must not
-# depend on what it was asked together with: every tile has all its rows, zeros where needed.
+# Size (texels, direction pairs) of a tile: its three channels fit in the cache of a core, or fill a
+# GPU. Matrix products of other sizes may round differently, but a value must not depend on its
+# neighbours in a request: therefore every tile is padded with zeros to its full number of rows.
 CPU_TILE = (64, 2048)
 GPU_TILE = (1024, 8192)
-# Thinner products run through other code, which rounds otherwise: they are made this wide.
-LEAST_PAIRS = 16
+# Smallest number of pairs of a product: narrower ones run through other code, which rounds
+# differently.
+MIN_PAIRS = 16
 
 
 @dataclass(frozen=True)
 class LeftFactors:
-    """The part of the factors that belongs to direction pairs, on one device.
+    """The factors of direction pairs, on one device.
 
     Args:
-        planes: U of each channel, transposed `[k, D + LEAST_PAIRS]`; the columns past D are zero.
-        colour_model, log_values: see `decode`.
+        planes: U of each channel, transposed `[k, D + MIN_PAIRS]`; columns past D are zero.
+        colour_model, log_values: encoding of the channels, see `decode`.
     """
 
     planes: tuple[Tensor, ...]
@@ -35,24 +36,27 @@ class LeftFactors:
 
     @classmethod
     def build(cls, planes: Sequence[Tensor], colour_model: int, log_values: bool) -> LeftFactors:
-        """Of U `[D, k]` of each channel."""
-        wide = tuple(pad(plane.T, (0, LEAST_PAIRS)) for plane in planes)
+        """The factors of U `[D, k]` of each channel."""
+        wide = tuple(pad(plane.T, (0, MIN_PAIRS)) for plane in planes)
         return cls(wide, colour_model, log_values)
 
     def to(self, device: torch.device) -> LeftFactors:
-        """The same on another device."""
+        """The same factors on another device."""
         planes = tuple(plane.to(device) for plane in self.planes)
         return LeftFactors(planes, self.colour_model, self.log_values)
 
 
 def multiply(right: Sequence[Tensor], left: LeftFactors, start: int, out: Tensor) -> Tensor:
-    """Fill `out [n, D', C]` with the values of n texels under the pairs from `start` on.
+    """Fills `out [n, D', C]` with the values of n texels under the pairs from `start` on.
 
     Args:
-        right: SV `[n, k]` of each channel, or one for all.
+        right: SV `[n, k]` of each channel, or a single one for all channels.
+        left: factors of the direction pairs.
+        start: index of the first pair.
+        out: result.
 
     Returns:
-        the largest value, a tensor without axes; NaN if any is.
+        the largest value `[]`; NaN if any value is NaN.
     """
     tile_texels, tile_pairs = CPU_TILE if out.device.type == "cpu" else GPU_TILE
     count, width = out.shape[:2]
@@ -64,7 +68,7 @@ def multiply(right: Sequence[Tensor], left: LeftFactors, start: int, out: Tensor
         for column in range(0, width, tile_pairs):
             size = min(tile_pairs, width - column)
             first = start + column
-            planes = _tile(rows, left, slice(first, first + max(size, LEAST_PAIRS)))
+            planes = _tile(rows, left, slice(first, first + max(size, MIN_PAIRS)))
             target = out[row : row + used, column : column + size]
             for channel, plane in enumerate(planes):
                 wanted = plane[:used, :size]
@@ -74,7 +78,7 @@ def multiply(right: Sequence[Tensor], left: LeftFactors, start: int, out: Tensor
 
 
 def _tile(right: Sequence[Tensor], left: LeftFactors, pairs: slice) -> list[Tensor]:
-    """RGB planes `[n, D']` of some texels and pairs."""
+    """Planes `[n, D']` of R, G and B of some texels and pairs."""
     parts = right if len(right) > 1 else [right[0]] * len(left.planes)
     products = [part @ plane[:, pairs] for part, plane in zip(parts, left.planes, strict=True)]
     return decode(products, left.colour_model, left.log_values)

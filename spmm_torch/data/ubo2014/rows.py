@@ -1,8 +1,8 @@
-"""Rows of the factors in a file."""
+"""Rows of the factors in a `.btf` file."""
 
 from __future__ import annotations
 
-from typing import BinaryIO
+from io import FileIO
 
 import numpy as np
 import torch
@@ -14,11 +14,11 @@ from ..file_rows import read_rows as read_file_rows
 from .header import Matrix
 
 
-def read_rows(stream: BinaryIO, matrix: Matrix, rows: np.ndarray) -> np.ndarray:
-    """Some rows `[n, k]` of a matrix, in any order and repeated at will, as they are stored.
+def read_rows(stream: FileIO, matrix: Matrix, rows: np.ndarray) -> np.ndarray:
+    """Rows `[n, k]` of a matrix as stored, by indices `[n]` in any order, also repeated.
 
     Raises:
-        DataError: the file ends before them.
+        DataError: the file ends before the last of them.
     """
     try:
         layout = RowLayout(matrix.offset, matrix.dtype, matrix.width)
@@ -30,11 +30,11 @@ def read_rows(stream: BinaryIO, matrix: Matrix, rows: np.ndarray) -> np.ndarray:
         ) from error
 
 
-def finite_rows(stream: BinaryIO, matrix: Matrix, rows: np.ndarray) -> Tensor:
-    """Rows as `read_rows` gives them, `[n, k]` float32.
+def finite_rows(stream: FileIO, matrix: Matrix, rows: np.ndarray) -> Tensor:
+    """Rows `[n, k]` of a matrix as float32, all finite; see `read_rows`.
 
     Raises:
-        DataError: the file ends before them, or one holds a number that is not finite.
+        DataError: the file ends before the last of them, or a number is not finite.
     """
     values = torch.from_numpy(read_rows(stream, matrix, rows)).float()
     low, high = values.aminmax()  # both are NaN if any value is

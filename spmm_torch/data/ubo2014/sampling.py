@@ -1,4 +1,4 @@
-"""Read the directions and the size of the pictures of a UBO2014 file."""
+"""Parser of the directions and the size of the pictures of a UBO2014 file."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ import numpy as np
 
 from .cursor import Cursor
 
-# Directions are checked against each other, which takes memory of their number squared; domes
-# have a few hundred.
+# Largest number of directions, as their pairwise check takes memory of its square; domes have a few
+# hundred.
 MAX_DIRECTIONS = 2048
-# float32 of pi / 2 is larger than pi / 2; as much as `checked_directions` forgives.
+# Tolerance of polar angles in radians, as in `checked_directions`: pi / 2 in float32 is too large.
 POLAR_TOLERANCE = 1e-3
-# Light lists of two views that differ less, in radians, are the same list (0.06 degrees).
+# Largest difference of the light lists of two views, in radians (0.06 degrees).
 SAME_ANGLE = 1e-3
 
 
 def read_sampling(cursor: Cursor) -> dict[str, Any]:
-    """Directions and size of the pictures."""
+    """The fields `view`, `light`, `width` and `height` of the header.
+
+    Raises:
+        DataError: the file ends early, lights differ between views, or an angle is not valid.
+    """
     view_count = cursor.count("views", MAX_DIRECTIONS)
     start = cursor.position
-    # The first record tells how long all of them are: every view has the same lights.
+    # The first record has the size of all, as every view has the same lights.
     cursor.skip(8, "the angles of view 0")
     light_count = cursor.count("lights of view 0", MAX_DIRECTIONS)
     record = np.dtype([("view", "<f4", 2), ("count", "<u4"), ("light", "<f4", (light_count, 2))])
@@ -38,11 +42,12 @@ def read_sampling(cursor: Cursor) -> dict[str, Any]:
 
 
 def _check_records(cursor: Cursor, records: np.ndarray, start: int) -> None:
-    """Refuse lists of lights that differ between views, and angles that are no directions.
+    """Refuses light lists that differ between views, and angles that are no directions.
 
     Args:
-        records: one (view, count, light) for each view.
-        start: where the first one lies.
+        cursor: reader, for messages.
+        records: record (view, count, light) of each view.
+        start: offset of the first record in bytes.
     """
     lights = records["light"]  # [V, L, 2]
     size, light_count = records.itemsize, lights.shape[1]
@@ -65,7 +70,7 @@ def _check_records(cursor: Cursor, records: np.ndarray, start: int) -> None:
                 start + offset + int(bad[0]) * stride,
                 "finite angles, the polar one from 0 to pi/2",
             )
-    with np.errstate(all="ignore"):  # the other lists may hold anything yet
+    with np.errstate(all="ignore"):  # the other lists are unchecked
         same = np.abs(lights - lights[0]) <= SAME_ANGLE  # [V, L, 2]
     strange = np.argwhere(~same.all(-1))
     if len(strange):

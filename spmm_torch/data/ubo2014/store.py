@@ -1,10 +1,10 @@
-"""Values of a BTF straight from its factors: what is asked for is read and multiplied."""
+"""The store of a UBO2014 file: the values of a request are multiplied from their factors."""
 
 from __future__ import annotations
 
 import threading
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import torch
@@ -17,15 +17,15 @@ from .header import CHANNELS, Layout
 from .product import LeftFactors, multiply
 from .rows import finite_rows
 
-# Texels whose factors are read at once: a few MB.
+# Texels whose factors are read at once, a few MB.
 READ_TEXELS = 1024
 
 
 def open_store(path: Path, layout: Layout, part: Part, loading: Loading) -> FactorStore:
-    """The store of a part of a file, which must reflect something; `loading` has little to do.
+    """The store of a part of a file; of `loading`, only its progress is used.
 
     Raises:
-        DataError: all values are zero, or one that was met is not finite.
+        DataError: all values are zero, or one that was computed is not finite.
     """
     header = layout.header
     views = torch.arange(len(header.view)) if part.views is None else part.views
@@ -40,16 +40,16 @@ def open_store(path: Path, layout: Layout, part: Part, loading: Loading) -> Fact
 
 
 class FactorStore:
-    """Linear cosine-weighted values of a UBO2014 file; a `data.store.Store`.
+    """Linear values of a UBO2014 file; a `data.store.Store`.
 
-    Holds U, a few dozen MB, and reads of SV only what is asked for. Threads may share it. A value
-    has the same bits whatever it is asked together with.
+    It holds U, a few dozen MB, and reads only the requested rows of SV. Threads may share it. A
+    value has the same bits in every request.
 
     Args:
-        path: the file.
-        layout: what `read_layout` found in it.
-        texels: indices `[T']` of the texels to keep, in their new order; all if None.
-        pairs: the same for direction pairs, `[D']`.
+        path: file.
+        layout: layout of the file.
+        texels: indices `[T']` of texels in their new order; None: all.
+        pairs: indices `[D']` of direction pairs in their new order; None: all.
     """
 
     def __init__(
@@ -62,21 +62,25 @@ class FactorStore:
         header = layout.header
         self._path = path
         self._layout = layout
-        self._texels = _selected(header.texel_count, texels)  # [T'], in the file
-        self._pairs = _selected(header.pair_count, pairs)  # [D'], in the file
+        self._texels = _selected(header.texel_count, texels)  # [T'], indices in the file
+        self._pairs = _selected(header.pair_count, pairs)  # [D'], indices in the file
         self._left: dict[torch.device, LeftFactors] = {}
         self._lock = threading.Lock()
         self._is_hdr: bool | None = None
 
     @property
     def is_hdr(self) -> bool:
-        """Whether a value exceeds 1; passes over the values until one does, once."""
+        """Whether a value exceeds 1; the first call reads values until one does."""
         if self._is_hdr is None:
             self._is_hdr = self.exceeds(1.0)
         return self._is_hdr
 
     def exceeds(self, bound: float) -> bool:
-        """Whether a value is larger than `bound`; reads no further than it must."""
+        """Whether a value exceeds a bound; reads values until one does.
+
+        Raises:
+            DataError: as for `texels`.
+        """
         chunk = max(CHUNK_VALUES // (len(self._pairs) * CHANNELS), 1)
         blocks = float_chunks(self, len(self._texels), chunk)
         return any(float(block.max()) > bound for block in blocks)
@@ -96,7 +100,7 @@ class FactorStore:
     def signals(
         self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
     ) -> Tensor:
-        """The same channels first, `[n, C, D]`.
+        """Linear values `[n, C, D]` float32 of some texels, on a device.
 
         Raises:
             DataError: as for `texels`.
@@ -116,7 +120,7 @@ class FactorStore:
         return self._expand(self._texels, start, torch.empty(shape))
 
     def _expand(self, texels: Tensor, start: int, values: Tensor) -> Tensor:
-        """Fills `values [n, D', C]`: texels of the file under pairs of this store from `start`."""
+        """Fills `values [n, D', C]` of `texels [n]` of the file under the pairs from `start` on."""
         left = self._left_factors(values.device)
         if values.numel() == 0:
             return values
@@ -132,12 +136,13 @@ class FactorStore:
         return values
 
     def _chosen(self, index: Tensor | slice | None) -> Tensor:
-        """The texels of the file that an index names."""
+        """Indices `[n]` in the file of the texels of an index."""
         if isinstance(index, Tensor):
             index = index.cpu()
         return self._texels if index is None else self._texels[index]
 
     def _not_finite(self, texels: Tensor, start: int, values: Tensor) -> DataError:
+        """The error for the first of `values [n, D', C]` that is not finite."""
         texel, pair, channel = (int(i) for i in (~values.isfinite()).nonzero()[0])
         return DataError(
             f"the factors of {self._path} multiply to {float(values[texel, pair, channel])} at "
@@ -147,23 +152,24 @@ class FactorStore:
         )
 
     def _file_rows(self, texels: np.ndarray) -> np.ndarray:
-        """Rows of SV of some texels: pictures are stored from the bottom row up."""
+        """Rows `[n]` of SV of texels `[n]`, as the bottom row of pictures is stored first."""
         header = self._layout.header
         row, column = np.divmod(texels, header.width)
         return (header.height - 1 - row) * header.width + column
 
     def _left_factors(self, device: torch.device) -> LeftFactors:
-        """U for a device, read at first use."""
+        """U on a device, read at first use."""
         with self._lock:
             if device not in self._left:
                 self._left[device] = self._read_left().to(device)
             return self._left[device]
 
     def _read_left(self) -> LeftFactors:
+        """U of the pairs of this store, on the CPU."""
         header, factors = self._layout.header, self._layout.factors
         pairs = self._pairs.numpy()
         with self._open() as stream:
-            if len(factors) == 1:  # channels share a matrix, in which they vary fastest
+            if len(factors) == 1:  # one matrix of all channels, channel fastest
                 rows = [
                     (factors[0].left, pairs * CHANNELS + channel) for channel in range(CHANNELS)
                 ]
@@ -172,8 +178,8 @@ class FactorStore:
             planes = [finite_rows(stream, matrix, wanted) for matrix, wanted in rows]
         return LeftFactors.build(planes, header.colour_model, header.log_values)
 
-    def _open(self) -> BinaryIO:
-        """The file, for one thread; unbuffered, as rows are read in whole runs."""
+    def _open(self) -> FileIO:
+        """The file, opened for one thread; unbuffered, as rows are read in whole runs."""
         try:
             return self._path.open("rb", buffering=0)
         except OSError as error:
@@ -184,6 +190,6 @@ class FactorStore:
 
 
 def _selected(count: int, index: Tensor | None) -> Tensor:
-    """The numbers from 0 to count - 1 that an index selects; it raises IndexError beyond them."""
+    """The numbers from 0 to count - 1 at an index `[n]`; None: all `[count]`."""
     numbers = torch.arange(count)
     return numbers if index is None else numbers[index.cpu()]

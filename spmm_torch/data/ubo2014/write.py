@@ -1,4 +1,4 @@
-"""Write UBO2014 files: given factors as a stream, or a BTF through a truncated decomposition."""
+"""Writers of UBO2014 files, from given factors or from a BTF that is factorized."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ Blocks = Iterable[np.ndarray | Tensor] | np.ndarray | Tensor
 
 @dataclass(frozen=True, eq=False)
 class FactorRows:
-    """One factorization U SV^T to write; its matrices may come in blocks of rows.
+    """One factorization U SV^T to write, with matrices as a whole or in blocks of rows.
 
     Args:
-        singular_values: `[k]`; for information only, they are multiplied into `right`.
-        left: U `[rows, k]`: a row for each pair d = view * L + light; in FMF for each (pair,
+        singular_values: singular values `[k]`, for information only: `right` contains them.
+        left: U `[rows, k]`, one row for each pair d = view * L + light; in FMF for each (pair,
             channel), channel fastest.
-        right: SV `[T, k]`: a row for each texel t = row * W + column, row 0 at the top.
+        right: SV `[T, k]`, one row for each texel t = row * W + column, row 0 at the top.
     """
 
     singular_values: np.ndarray | Tensor
@@ -54,22 +54,25 @@ def write_ubo2014(
     device: torch.device | str = "cpu",
     progress: Progress | None = None,
 ) -> None:
-    """Write a BTF as a truncated singular value decomposition; nothing is left if that fails.
+    """Writes a BTF as a truncated singular value decomposition; a failure leaves nothing.
 
-    The values are passed over a few times in blocks and never held as a whole.
+    Values are read in blocks, a few times, and memory never holds all of them.
 
     Args:
-        components: how many of the largest ones to keep, for each pair of factors.
+        path: file to write.
+        btf: BTF to write.
+        components: number of the largest singular values to keep, for each pair of factors.
         scalar: bytes of a number in the file: 2, 4 or 8.
         variant: DFMF08FC (factors for each channel), FMF06FC or FMF12FCE (for all together).
         colour_model: 0 for RGB, 11 for log Y, U / Y, V / Y (DFMF08FC only).
-        log_values: factor the logarithms of the values (FMF12FCE only).
-        generator: of the random start of the decomposition; a fixed one by default.
-        device: where to compute.
-        progress: told (texels done, texels in all passes).
+        log_values: whether to factor the logarithms of the values (FMF12FCE only).
+        generator: random generator of the decomposition, on the CPU; None: one of a fixed seed.
+        device: device to compute on.
+        progress: called with (texels done, texels of all passes).
 
     Raises:
         ConfigError: a setting is out of its range.
+        DataError: a picture cannot be decoded, or a number does not fit its type.
         OutputError: the file cannot be written.
     """
     if components < 1:
@@ -101,16 +104,17 @@ def write_ubo2014(
 def write_factors(
     path: Path | str, header: Header, factors: Sequence[FactorRows], *, scalar: int = 4
 ) -> None:
-    """Write given factors, block by block; nothing is left at `path` if that fails.
+    """Writes given factors, block by block; a failure leaves nothing.
 
     Args:
-        header: its version is not used: the newest is written.
-        factors: one for each channel in DFMF08FC, else one.
+        path: file to write.
+        header: header of the file; the newest version is written, whatever its version is.
+        factors: one factorization for each channel in DFMF08FC, else a single one.
         scalar: bytes of a number in the file: 2, 4 or 8.
 
     Raises:
-        ConfigError: the header asks for what its variant cannot hold.
-        DataError: a factor does not fit its type of number, or the header.
+        ConfigError: the header has a field that its variant cannot hold.
+        DataError: a factor does not fit the header or its type of number.
         OutputError: the file cannot be written.
     """
     _check_settings(header, scalar)
@@ -133,14 +137,14 @@ def write_factors(
 
 
 def _angles(directions: Tensor) -> np.ndarray:
-    """Polar angle and azimuth `[N, 2]` float32, radians, of unit vectors `[N, 3]`."""
+    """Angles (polar, azimuth) `[N, 2]` float32 of unit vectors `[N, 3]`, in radians."""
     x, y, z = directions.double().unbind(-1)
     azimuth = torch.atan2(y, x).remainder(2.0 * torch.pi)
     return torch.stack((torch.atan2(torch.hypot(x, y), z), azimuth), dim=-1).float().numpy()
 
 
 def _check_settings(header: Header, scalar: int) -> None:
-    """Refuse what no file of the variant can hold."""
+    """Refuses a header that its variant cannot hold."""
     variant = header.variant
     if variant not in VARIANTS:
         raise ConfigError(f"variant is {variant!r}; expected one of {', '.join(VARIANTS)}.")
@@ -163,17 +167,18 @@ def _check_settings(header: Header, scalar: int) -> None:
 def _write_factorization(
     stream: BinaryIO, header: Header, factors: FactorRows, dtype: np.dtype
 ) -> None:
+    """Writes one factorization at the position of the stream, and goes to its end."""
     count = len(factors.singular_values)
     if header.variant == DFMF:
         stream.write(struct.pack("<BI", dtype.itemsize, count))
     else:
         stream.write(struct.pack("<IBI", count, dtype.itemsize, count))
     stream.write(struct.pack("<2I", header.factor_rows, header.texel_count))
-    # Nobody uses them, and those of large pictures exceed float16.
+    # Singular values may exceed float16; they are clipped, as no reader uses them.
     largest = np.finfo(dtype).max
     stream.write(_array(factors.singular_values).clip(max=largest).astype(dtype).tobytes())
     for _, block in _packed_blocks(factors.left, header.factor_rows, count, dtype, "U"):
-        stream.write(block)
+        stream.write(block.data)
     base = stream.tell()
     for first, block in _packed_blocks(factors.right, header.texel_count, count, dtype, "SV"):
         _write_texels(stream, base, first, block, header.width, header.height)
@@ -183,10 +188,10 @@ def _write_factorization(
 def _packed_blocks(
     source: Blocks, rows: int, width: int, dtype: np.dtype, what: str
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """(number of the first row, rows `[n, width]` as they are stored) of a matrix.
+    """Blocks of a matrix as stored: (index of the first row, rows `[n, width]`).
 
     Raises:
-        DataError: not `rows` rows of `width`, or a number that the type cannot hold.
+        DataError: the shape is not `[rows, width]`, or the type cannot hold a number.
     """
     first = 0
     for block in [source] if isinstance(source, np.ndarray | Tensor) else source:
@@ -210,18 +215,21 @@ def _packed_blocks(
 
 
 def _array(values: np.ndarray | Tensor) -> np.ndarray:
+    """An array or tensor `[...]` as an array on the CPU."""
     return values.detach().cpu().numpy() if isinstance(values, Tensor) else np.asarray(values)
 
 
 def _write_texels(
     stream: BinaryIO, base: int, first: int, block: np.ndarray, width: int, height: int
 ) -> None:
-    """Put the rows `[n, k]` of consecutive texels where they belong: bottom picture row first.
+    """Writes rows `[n, k]` of consecutive texels to their places: bottom row of pictures first.
 
     Args:
-        base: where the matrix starts in the file.
-        first: the first texel.
-        width, height: of the pictures.
+        stream: file.
+        base: offset of the matrix in bytes.
+        first: index of the first texel.
+        block: rows of the texels.
+        width, height: size of the pictures.
     """
     row_bytes = block[:1].nbytes
     start = 0
@@ -229,5 +237,5 @@ def _write_texels(
         row, column = divmod(first + start, width)
         count = min(width - column, len(block) - start)
         stream.seek(base + ((height - 1 - row) * width + column) * row_bytes)
-        stream.write(block[start : start + count])
+        stream.write(block[start : start + count].data)
         start += count

@@ -1,8 +1,8 @@
-"""Writers of BTFs: one module for each format, whose `WRITER` says what `base.Writer` asks for.
+"""Writers of BTFs: one module for each format, with a `base.Writer` called `WRITER`.
 
-A new format is one module and one line in `NAMES`. A writer asks the BTF for one view at a time,
-writes under a temporary name and renames at the end. Modules import torch only where they write,
-so that formats and their options may be listed without it.
+A new format is one module and one line in `NAMES`. A writer reads the BTF one view at a time,
+writes under a temporary name and renames at the end. Modules import torch only in functions that
+write, so that formats and their options can be listed without torch.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ WRITERS: dict[str, Writer] = {
 
 
 def writer_of(output: str) -> Writer:
-    """The writer that the name of an output asks for by its suffix; none means a folder.
+    """The writer for the suffix of an output; no suffix stands for a folder.
 
     Raises:
-        ConfigError: its suffix belongs to no format.
+        ConfigError: the suffix belongs to no format.
     """
     suffix = "" if output.endswith("/") else Path(output).suffix.lower()
     for writer in WRITERS.values():

@@ -1,4 +1,4 @@
-"""What every writer is: a format's name, its options, and the function that writes it."""
+"""The interface of a writer: the name of a format, its options, and its function."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class NoSettings:
-    """The options of a format that has none."""
+    """The settings of a format without options."""
 
 
 @dataclass(frozen=True)
 class Writer:
-    """How one format is written.
+    """The writer of one format.
 
     Attributes:
-        name: of the format, in one lower-case word.
-        title: what help texts call it.
-        suffix: of the names of such files, in lower case; empty for a folder.
-        unit: what `progress` counts, "views" or "texels".
-        settings: a dataclass of `config.schema.setting` fields, the options of the format.
-        write: takes the path, the BTF, settings and `progress(done, total)` or None; leaves at
-            the path all of the file or nothing, and raises an OutputError in one sentence.
+        name: name of the format, one lower-case word.
+        title: name of the format in help texts.
+        suffix: suffix of its files, in lower case; empty for a folder.
+        unit: unit that `progress` counts, "views" or "texels".
+        settings: dataclass of `config.schema.setting` fields, the options of the format.
+        write: function of the path, the BTF, its settings and `progress(done, total)` or None. It
+            leaves the whole file at the path or nothing, and raises an OutputError in one sentence.
     """
 
     name: str

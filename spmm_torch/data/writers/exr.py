@@ -1,4 +1,4 @@
-"""Writer of folders of OpenEXR pictures, one for each pair of directions, named by its angles."""
+"""Writer of folders of OpenEXR pictures, one for each direction pair, named by its angles."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ HALF_BYTES = 2
 
 
 def write_exr_folder(path: Path | str, btf: BTF, progress: Progress | None = None) -> None:
-    """Write a BTF as a folder of EXR pictures; nothing is left unless all of it was written.
+    """Writes a BTF as a folder of EXR pictures; a failure leaves nothing.
 
-    Sources of 8 and 16 bits become half floats unless a value exceeds 65504, all others single
+    Sources of 8 and 16 bits become half floats unless a value exceeds 65504; others become single
     floats. `progress(done, total)` counts views.
 
     Raises:
@@ -44,7 +44,7 @@ def write_exr_folder(path: Path | str, btf: BTF, progress: Progress | None = Non
 def write(
     path: Path | str, btf: BTF, settings: NoSettings, progress: Progress | None = None
 ) -> None:
-    """Write a BTF as a folder of EXR pictures; see `write_exr_folder`."""
+    """Writes a BTF as a folder of EXR pictures; see `write_exr_folder`."""
     write_exr_folder(path, btf, progress)
 
 

@@ -1,4 +1,4 @@
-"""File names that tell directions, as UBO2003 has them and `parse_angles` reads them."""
+"""File names with directions, as in UBO2003 and as `parse_angles` reads them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,24 @@ from ...errors import OutputError
 if TYPE_CHECKING:
     from torch import Tensor
 
-# Names keep 0.001 degrees: directions are measured to a tenth, and stored to 0.00001 in float32.
+# Decimals of degrees: directions are measured to 0.1 and stored to 0.00001 degrees.
 DECIMALS = 3
-FULL_TURN = 360.0
+FULL_TURN = 360.0  # degrees
 
-Angles = tuple[str, str]  # polar angle and azimuth in degrees, as a name gives them
+Angles = tuple[str, str]  # polar angle and azimuth in degrees, as in file names
 
 
 def picture_names(view: Tensor, light: Tensor, suffix: str) -> list[list[str]]:
     """Names `[V][L]` such as `tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`.
 
-    Pictures are numbered as in UBO2003, light * V + view, and lie in a folder for each view.
+    Pictures are numbered as in UBO2003, light * V + view, with a folder for each view.
+
+    Args:
+        view, light: unit vectors `[V, 3]`, `[L, 3]`.
+        suffix: suffix of the files, with its dot.
 
     Raises:
-        OutputError: two directions are the same in names.
+        OutputError: two directions have the same name.
     """
     views = direction_texts(view, "views")
     lights = direction_texts(light, "lights")
@@ -38,7 +42,7 @@ def picture_names(view: Tensor, light: Tensor, suffix: str) -> list[list[str]]:
 
 
 def direction_texts(directions: Tensor, what: str) -> list[Angles]:
-    """The angles of unit vectors `[N, 3]`, in degrees of at least three digits.
+    """The angles of N unit vectors `[N, 3]` in degrees, as texts of at least three digits.
 
     Raises:
         OutputError: two directions have the same text.
@@ -57,14 +61,15 @@ def direction_texts(directions: Tensor, what: str) -> list[Angles]:
 
 
 def _angles(vector: Sequence[float]) -> Angles:
+    """The polar angle and azimuth of a unit vector, as texts."""
     x, y, z = vector
-    # Unlike arccos, exact near the pole.
+    # atan2 is accurate near the pole, unlike arccos.
     theta = _text(math.degrees(math.atan2(math.hypot(x, y), z)))
     phi = _text(math.degrees(math.atan2(y, x)))
     return theta, ("000" if theta == "000" else phi)
 
 
 def _text(degrees: float) -> str:
-    """Degrees in [0, 360), without decimals that say nothing: `015`, `023.5`."""
+    """Degrees in [0, 360) without trailing zeros, such as `015` or `023.5`."""
     rounded = round(degrees, DECIMALS) % FULL_TURN
     return f"{rounded:0{4 + DECIMALS}.{DECIMALS}f}".rstrip("0").rstrip(".")

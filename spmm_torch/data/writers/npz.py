@@ -1,4 +1,4 @@
-"""Writer of the NPZ interchange format, which `spmm_torch.data.npz` reads and describes."""
+"""Writer of the NPZ interchange format, described in `spmm_torch.data.npz`."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ HALF, SINGLE = np.dtype("<f2"), np.dtype("<f4")
 
 
 def write_npz(path: Path | str, btf: BTF, progress: Progress | None = None) -> None:
-    """Write a BTF as NPZ; nothing is left at `path` unless all of it was written.
+    """Writes a BTF as NPZ; a failure leaves nothing.
 
-    float16 sources stay float16 unless a value exceeds 65504, all others become float32.
+    Sources of float16 stay so unless a value exceeds 65504; others become float32.
     `progress(done, total)` counts views.
 
     Raises:
@@ -37,6 +37,7 @@ def write_npz(path: Path | str, btf: BTF, progress: Progress | None = None) -> N
 
 
 def _write_values(archive: zipfile.ZipFile, btf: BTF, progress: Progress | None) -> None:
+    """Writes the values `[V, L, H, W, 3]`, view by view."""
     is_half = btf.bytes_per_value == HALF.itemsize and fits_half(btf)
     dtype = HALF if is_half else SINGLE
     shape = (len(btf.view), len(btf.light), btf.height, btf.width, btf.channels)
@@ -51,7 +52,7 @@ def _write_values(archive: zipfile.ZipFile, btf: BTF, progress: Progress | None)
 def write(
     path: Path | str, btf: BTF, settings: NoSettings, progress: Progress | None = None
 ) -> None:
-    """Write a BTF as NPZ; see `write_npz`."""
+    """Writes a BTF as NPZ; see `write_npz`."""
     write_npz(path, btf, progress)
 
 

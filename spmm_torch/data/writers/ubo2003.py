@@ -1,4 +1,4 @@
-"""Writer of UBO2003 zips: one 8-bit picture for each pair of directions, named by its angles."""
+"""Writer of UBO2003 zips: one 8-bit picture for each direction pair, named by its angles."""
 
 from __future__ import annotations
 
@@ -27,19 +27,24 @@ SUFFIXES = {"jpeg": ".jpg", "png": ".png"}
 MAX_CODE = 255
 QUALITY = 95
 FULL_COLOUR = 0  # Pillow's number for 4:4:4: texels keep their own colour
-# Measured textures hardly compress: higher levels take five times as long for no smaller files.
+# Level of compression: higher ones take five times as long and hardly shrink measured textures.
 PNG_LEVEL = 1
 
 
 @dataclass(frozen=True)
 class Ubo2003Settings:
-    """How a UBO2003 zip is written."""
+    """The options of a UBO2003 zip."""
 
     gamma: float = setting(
-        DISPLAY_GAMMA, "exponent that makes 8-bit codes linear", low=0.01, high=10.0
+        DISPLAY_GAMMA,
+        "display gamma: exponent that turns 8-bit codes into linear values",
+        low=0.01,
+        high=10.0,
     )
-    png: bool = setting(False, "PNG pictures in a zip, which lose nothing, instead of JPEG")
-    quality: int = setting(QUALITY, "quality of JPEG pictures in a zip", low=1, high=100)
+    png: bool = setting(
+        False, "whether pictures are PNG, which is lossless, in place of JPEG (zip only)"
+    )
+    quality: int = setting(QUALITY, "quality of JPEG pictures (zip only)", low=1, high=100)
 
 
 def write_ubo2003(
@@ -50,27 +55,27 @@ def write_ubo2003(
     quality: int = QUALITY,
     progress: Progress | None = None,
 ) -> None:
-    """Write a BTF as a UBO2003 zip; nothing is left at `path` unless all of it was written.
+    """Writes a BTF as a UBO2003 zip; a failure leaves nothing.
 
-    The same BTF gives the same bytes. Of a BTF that was read from 8-bit pictures with the same
-    `gamma`, PNGs hold the very codes.
+    The same BTF gives the same bytes. The PNGs of a BTF that was read from 8-bit pictures with the
+    same `gamma` have the same codes.
 
     Args:
-        path: the zip to write; its folder inside takes the name.
-        btf: its values must lie in 0 to 1.
-        gamma: exponent that will make the codes linear again.
+        path: zip to write; the folder inside has its name.
+        btf: BTF with values in 0 to 1.
+        gamma: exponent that turns the codes back into linear values.
         format: "jpeg" (4:4:4) or "png".
-        quality: of JPEGs, 1 to 100.
-        progress: told (views done, V) after each view.
+        quality: quality of JPEGs, 1 to 100.
+        progress: called with (views done, V) after each view.
 
     Raises:
-        ConfigError: an option out of its range.
+        ConfigError: an option is out of its range.
         OutputError: a value does not fit into 8 bits, or the file cannot be written.
     """
-    ReadOptions(gamma=gamma)  # a gamma that no reader takes is refused here
+    ReadOptions(gamma=gamma)  # refuses a gamma that no reader accepts
     _check_options(format, quality)
     target = Path(path)
-    # The reader takes a leading dot for a hidden folder.
+    # A leading dot would hide the folder from the reader.
     folder = f"{target.stem.lstrip('.') or 'BTF'}/MANYFILES"
     names = picture_names(btf.view, btf.light, SUFFIXES[format])
     with new_file(target) as temporary, zipfile.ZipFile(temporary, "w") as archive:
@@ -83,7 +88,7 @@ def write_ubo2003(
 def write(
     path: Path | str, btf: BTF, settings: Ubo2003Settings, progress: Progress | None = None
 ) -> None:
-    """Write a BTF as a UBO2003 zip; see `write_ubo2003`."""
+    """Writes a BTF as a UBO2003 zip; see `write_ubo2003`."""
     pictures = "png" if settings.png else "jpeg"
     write_ubo2003(path, btf, settings.gamma, pictures, settings.quality, progress)
 
@@ -111,6 +116,7 @@ def _codes(picture: np.ndarray, gamma: float, name: str) -> np.ndarray:
 
 
 def _encode(codes: np.ndarray, format: str, quality: int) -> bytes:
+    """A picture file of codes `[H, W, 3]`."""
     buffer = io.BytesIO()
     image = Image.fromarray(codes)
     if format == "png":

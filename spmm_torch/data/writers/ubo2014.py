@@ -1,4 +1,4 @@
-"""Writer of UBO2014 `.btf` files as an entry of the registry; `data.ubo2014` does the work."""
+"""Writer of UBO2014 `.btf` files, as an entry of the registry; see `data.ubo2014`."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ SCALAR_BYTES = {"half": 2, "float": 4, "double": 8}
 
 @dataclass(frozen=True)
 class Ubo2014Settings:
-    """How a `.btf` is written."""
+    """The options of a `.btf` file."""
 
     components: int = setting(
-        DEFAULT_COMPONENTS, "singular values that a .btf keeps of each channel", low=1
+        DEFAULT_COMPONENTS, "number of singular values of each channel (.btf only)", low=1
     )
     scalar: str = setting(
-        "float", "type of the numbers in a .btf, of 2, 4 or 8 bytes", choices=tuple(SCALAR_BYTES)
+        "float",
+        "type of the stored numbers, of 2, 4 or 8 bytes (.btf only)",
+        choices=tuple(SCALAR_BYTES),
     )
 
 
 def write(
     path: Path | str, btf: BTF, settings: Ubo2014Settings, progress: Progress | None = None
 ) -> None:
-    """Write a BTF as a `.btf`; see `write_ubo2014`."""
+    """Writes a BTF as a `.btf` file; see `write_ubo2014`."""
     from ..ubo2014.write import write_ubo2014
 
     scalar = SCALAR_BYTES[settings.scalar]

@@ -1,4 +1,4 @@
-"""What all writers ask of a BTF: its pictures view by view, and whether half floats hold them."""
+"""Access of writers to a BTF: pictures view by view, and the range of values."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ if TYPE_CHECKING:
     from ..btf import BTF
     from ..store import Progress
 
-MAX_HALF = float(np.finfo(np.float16).max)  # 65504; larger ones would become infinite
+MAX_HALF = float(np.finfo(np.float16).max)  # 65504; larger values would become infinite
 
 
 def pictures_of_views(btf: BTF, progress: Progress | None) -> Iterator[np.ndarray]:
-    """The linear pictures `[L, H, W, 3]` float32 of one view after the other.
+    """The linear pictures `[L, H, W, 3]` float32 of each view.
 
-    `progress(done, total)` is told when the caller comes back for the next one.
+    `progress(done, total)` is called when the caller asks for the next view.
     """
     count = len(btf.view)
     for view in range(count):
-        # Texels are apart in memory: one copy here is faster than a scattered read per picture.
+        # Texels are apart in memory: one copy is faster than scattered reads of each picture.
         yield btf.pictures(view).contiguous().numpy()
         if progress is not None:
             progress(view + 1, count)
 
 
 def fits_half(btf: BTF) -> bool:
-    """Whether no value exceeds the largest half float; passes over all of an HDR BTF."""
+    """Whether no value exceeds the largest half float; reads all values of an HDR BTF."""
     if not btf.is_hdr:
         return True
     return all(float(btf.pictures(view).max()) <= MAX_HALF for view in range(len(btf.view)))
