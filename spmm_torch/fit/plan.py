@@ -14,21 +14,21 @@ from ..runtime.memory import Budget, resident_memory
 from ..runtime.progress import duration
 from .cluster import OVERSAMPLING
 from .search.bank import SHAPES
-from .search.joint import CPU_SLOPES
+from .search.joint import CPU_JACOBIAN_VALUES
 from .search.lobes import bank_normals
 from .select.clusters import cluster_bytes
 
 FLOAT = 4
-# Copies of the samples, of the bank and of the batch of slopes that the search holds.
-SAMPLE_COPIES, BANK_COPIES, SLOPE_COPIES = 6, 2, 8
-# Copies of the dictionary where values count by weight: scaled, as it is, and of measured pairs.
+# Copies of the samples, of the bank and of one Jacobian that the search holds.
+SAMPLE_COPIES, BANK_COPIES, JACOBIAN_COPIES = 6, 2, 8
+# Copies of the dictionary where errors have weights: weighted, plain, and at measured pairs only.
 WEIGHTED_COPIES = 3
-# Share of the lobes found that the dictionary keeps, about.
+# Fraction of the lobes found that the dictionary keeps, about.
 KEPT_LOBES = 0.5
-# Seconds of a core, measured on 2 cores of 2.5 GHz: a decoded pixel; a sample, direction pair and
-# lobe of the search; a texel of the selection besides its products.
+# Seconds of one core of 2.5 GHz: to decode a pixel; to search, for each sample, direction pair and
+# lobe; to select for a texel, products apart.
 DECODE_SECONDS, SEARCH_SECONDS, SELECT_SECONDS = 3e-8, 9e-6, 2e-4
-# Side of the matrix whose product tells the speed of this machine, and repeats.
+# Size of the matrix product that measures the speed of this machine, and its repeats.
 PROBE, REPEATS = 768, 3
 
 
@@ -85,7 +85,7 @@ def _working_bytes(
     bank = sum(len(SHAPES[name]) for name in config.search.models) * normals
     block = cpu_block_bytes()
     search = FLOAT * pairs * (SAMPLE_COPIES * samples * btf.channels + BANK_COPIES * bank)
-    search += FLOAT * SLOPE_COPIES * CPU_SLOPES
+    search += FLOAT * JACOBIAN_COPIES * CPU_JACOBIAN_VALUES
     uniform = config.weights == WeightsConfig() and btf.missing is None
     copies = 1 if uniform else WEIGHTED_COPIES
     dictionary = FLOAT * pairs * (2 + copies) * found

@@ -128,8 +128,8 @@ def _check_precision(*tensors: Tensor) -> None:
     for tensor in tensors:
         if tensor.dtype in (torch.float16, torch.bfloat16):
             raise DataError(
-                f"lobes were given in {tensor.dtype}, too coarse for narrow lobes; expected float32 "
-                f"or float64; convert with .float()."
+                f"lobes were given in {tensor.dtype}, too coarse for narrow lobes; expected "
+                f"float32 or float64; convert with .float()."
             )
 
 

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...config.fit import SelectConfig, StagewiseConfig
-from ...solvers.foba import select_corrective
+from ...solvers.foba import select_foba
 from ...solvers.nnls import nnls_shared_gram
 from ...solvers.stagewise_lasso import lasso_threshold, stagewise_lasso
 from ...solvers.status import Solver, StatusCounts
@@ -106,7 +106,7 @@ def select(
         return Fit(torch.zeros(empty.shape[:2], dtype=torch.long, device=empty.device), empty)
     if config.method == "stagewise":
         return _select_stagewise(products, target, config, stagewise)
-    chosen = select_corrective(
+    chosen = select_foba(
         products.gram,
         target.correlation,
         target.energy.sum(1),
