@@ -1,4 +1,4 @@
-"""What a fit will take, told before it starts: time, memory and disk."""
+"""Estimate of the time, memory and disk that a fit takes, made before it starts."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ PROBE, REPEATS = 768, 3
 
 @dataclass(frozen=True)
 class Plan:
-    """An estimate, right within a factor of two or so.
+    """An estimate, right within a factor of about two.
 
     Attributes:
         seconds: from input to model.
-        working_bytes: memory besides the decoded values, this process included.
-        decoded_bytes: the decoded values; 0 if they are streamed.
+        working_bytes: memory of the process, decoded values apart.
+        decoded_bytes: size of the decoded values; 0 if they are streamed.
     """
 
     seconds: float
@@ -47,14 +47,11 @@ class Plan:
     decoded_bytes: int
 
     def kept_bytes(self, budget: Budget, cached: bool = False) -> int:
-        """Decoded values that lie in memory; none if they are `cached` on disk whatever their size.
-
-        They are kept there if the budget has room for all of them.
-        """
+        """Decoded bytes in memory: all if the budget has room and they are not `cached` on disk."""
         return 0 if cached or self.decoded_bytes > budget.spare else self.decoded_bytes
 
     def describe(self, budget: Budget, cached: bool = False) -> str:
-        """One line for people."""
+        """One line for the log."""
         kept = self.kept_bytes(budget, cached)
         memory, disk = self.working_bytes + kept, self.decoded_bytes - kept
         return (
@@ -64,7 +61,7 @@ class Plan:
 
 
 def estimate(btf: BTF, config: FitConfig, device: torch.device) -> Plan:
-    """What a fit with these settings will take."""
+    """The estimate of a fit with these settings."""
     samples = min(config.cluster.count * config.sample.per_cluster, btf.texel_count)
     found = samples * config.search.max_lobes
     return Plan(
@@ -77,6 +74,7 @@ def estimate(btf: BTF, config: FitConfig, device: torch.device) -> Plan:
 def _working_bytes(
     btf: BTF, config: FitConfig, device: torch.device, samples: int, found: int
 ) -> int:
+    """Memory of the stage that needs most, given the numbers of samples and of lobes found."""
     resident = resident_memory()
     if device.type == "cuda":
         return resident + FLOAT * BLOCK_COPIES * CUDA_BLOCK_VALUES // 8
@@ -94,6 +92,7 @@ def _working_bytes(
 
 
 def _seconds(btf: BTF, config: FitConfig, device: torch.device, samples: int) -> float:
+    """Seconds of all stages, given the number of samples."""
     values = btf.texel_count * btf.pair_count * btf.channels
     found = samples * config.search.max_lobes
     speed = _speed(device)
@@ -107,10 +106,10 @@ def _seconds(btf: BTF, config: FitConfig, device: torch.device, samples: int) ->
 
 
 def _speed(device: torch.device) -> float:
-    """Operations a second of a matrix product here."""
+    """Operations a second of a matrix product on `device`."""
     left = torch.ones(PROBE, PROBE, device=device)
     best = float("inf")
-    for _ in range(REPEATS + 1):  # the first one warms up
+    for _ in range(REPEATS + 1):  # the first is a warm-up
         start = time.perf_counter()
         float((left @ left)[0, 0])
         best = min(best, time.perf_counter() - start)

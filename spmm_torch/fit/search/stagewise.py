@@ -229,7 +229,7 @@ class StagewiseSearch:
         return (rho * signals).sum(1) / rho.norm(dim=1).clamp(min=LEAST_DENOMINATOR)
 
     def _climb(self, model: Tensor, start: Tensor, rows: Tensor, error: Tensor) -> Tensor:
-        """Coordinates `[R, P]` optimized on the drawn pairs, each row by itself: Adam, then L-BFGS."""
+        """Coordinates `[R, P]` optimized row by row on the drawn pairs: Adam, then L-BFGS."""
         channels = error.shape[1]
         budget = CUDA_VALUES if error.is_cuda else CPU_VALUES
         size = max(1, budget // (self.config.pairs * channels)) * channels

@@ -7,17 +7,13 @@ import torch
 from torch import Tensor
 
 from spmm_torch.config.fit import SelectConfig, StagewiseConfig
-from spmm_torch.fit.select.products import cluster_products
-from spmm_torch.fit.select.texels import (
-    Fit,
-    Products,
-    refit,
-    residual_share,
-    select,
-    squared_errors,
+from spmm_torch.fit.select.products import Products, cluster_products
+from spmm_torch.fit.select.target import (
+    residual_weight,
     taken_by_residual,
     target_beside_residual,
 )
+from spmm_torch.fit.select.texels import Fit, refit, select, squared_errors
 
 TEXELS, ATOMS, PAIRS, CHANNELS = 12, 7, 60, 3
 
@@ -70,13 +66,13 @@ def test_errors_equal_the_direct_sums(method: str) -> None:
     assert float(error.sum() - taken) == pytest.approx(float(with_residual), rel=1e-3)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_target_equals_values_minus_residual(share: float) -> None:
+@pytest.mark.parametrize("weight", [0.0, 0.4, 1.0])
+def test_target_equals_values_minus_residual(weight: float) -> None:
     atoms, values, products = case(1)
     fit = chosen(products)
     residual = (values - expand(fit, atoms)).mean(0)
-    direct = values - share * residual
-    target = target_beside_residual(products, mean_weights(fit), share)
+    direct = values - weight * residual
+    target = target_beside_residual(products, mean_weights(fit), weight)
     expected = torch.einsum("jd,ndc->njc", atoms, direct)
     assert torch.allclose(target.correlation, expected, atol=1e-4)
     assert torch.allclose(target.energy.sum(1).float(), direct.square().sum((1, 2)), rtol=1e-3)
@@ -104,8 +100,8 @@ def test_lobe_limit_holds_and_weights_are_not_negative(method: str) -> None:
     assert (fit.weights >= 0.0).all()
 
 
-def test_share_follows_the_errors() -> None:
-    assert residual_share(1.0, 0.0, 1000) == pytest.approx(0.5, abs=1e-3)
-    assert residual_share(1.0, 0.99, 1000) > 0.98
-    assert residual_share(1.0, 1.0, 1) == 0.0
-    assert residual_share(0.0, 0.0, 10) == 0.0
+def test_weight_of_the_residual_follows_the_errors() -> None:
+    assert residual_weight(1.0, 0.0, 1000) == pytest.approx(0.5, abs=1e-3)
+    assert residual_weight(1.0, 0.99, 1000) > 0.98
+    assert residual_weight(1.0, 1.0, 1) == 0.0
+    assert residual_weight(0.0, 0.0, 10) == 0.0
