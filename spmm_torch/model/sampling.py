@@ -87,9 +87,13 @@ class SamplingData:
 
     def to(self, device: torch.device | str) -> SamplingData:
         """The same data on another device."""
-        parts = (self.offset, self.index, self.gamma, self.group)
         return SamplingData(
-            self.table.to(device), *(part.to(device) for part in parts), self.longest
+            self.table.to(device),
+            self.offset.to(device),
+            self.index.to(device),
+            self.gamma.to(device),
+            self.group.to(device),
+            self.longest,
         )
 
 
@@ -190,7 +194,7 @@ def _pick(mixture: _Mixture, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     The cumulative sum runs over all queries, so it needs float64.
 
     Returns:
-        (queries `[R]` that get a specular lobe, its entry `[R]`, u `[R]` stretched to [0, 1) anew).
+        (queries `[R]` that get a specular lobe, its entry `[R]`, u `[R]` stretched to [0, 1)).
     """
     end = torch.searchsorted(mixture.query, torch.arange(len(u), device=u.device), right=True)
     reach = torch.cat((mixture.mass.new_zeros(1), mixture.mass)).double().cumsum(0)  # [N + 1]

@@ -64,25 +64,34 @@ class CorrectiveSearch:
         """Adds, refines and exchanges the lobes of every sample."""
         mixtures = self._empty()
         self._select_from_all(mixtures)
+        self._grow(mixtures, advance)
+        self._polish(mixtures)
+        self._exchange_in_turns(mixtures, advance)
+        self._select_from_all(mixtures)
+        return mixtures
+
+    def _grow(self, mixtures: Mixtures, advance: Advance) -> None:
+        """Adds lobes to every sample until no further one pays."""
         growing = mixtures.loss > SOLVED * self.energy
         for _ in range(self.config.max_lobes):
             rows = torch.nonzero(growing & ~mixtures.present.all(1)).squeeze(1)
             if len(rows):
                 growing[rows] = self._forward(mixtures, rows)
             advance(len(growing))
-        self._polish(mixtures)
+
+    def _exchange_in_turns(self, mixtures: Mixtures, advance: Advance) -> None:
+        """Exchanges lobes of unsolved samples, one a turn, while that pays."""
+        samples = len(self.signals)
         idle = 0  # successive turns that did not pay
         for turn in range(self.config.exchanges):
             rows = self._unsolved(mixtures)
             few = rows[:: -(-len(rows) // FEW_ROWS) or 1]
             gain = self._exchange(mixtures, few, turn)
-            advance(len(growing))
+            advance(samples)
             idle = 0 if gain >= LEAST_GAIN else idle + 1
             if idle and (len(few) < len(rows) or idle == self.config.max_lobes):
-                advance(len(growing) * (self.config.exchanges - turn - 1))
+                advance(samples * (self.config.exchanges - turn - 1))
                 break
-        self._select_from_all(mixtures)
-        return mixtures
 
     def _polish(self, mixtures: Mixtures) -> None:
         """Refines all lobes of every unsolved sample."""

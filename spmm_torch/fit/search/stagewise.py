@@ -7,7 +7,6 @@ or backward. All samples, channels, models and starts are one batch.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
@@ -16,6 +15,7 @@ from torch import Tensor
 from ...config.fit import SearchConfig, StagewiseConfig
 from ...lobes.batch import COORDINATES, Feasible, decode
 from ...lobes.grid import SAME_LOBE, DirectionGrid
+from ...runtime.progress import Advance
 from ...solvers.adam import minimize_adam
 from ...solvers.lbfgs import OptimizeResult, minimize_lbfgs
 from ...solvers.multistart import StartCounts
@@ -34,8 +34,6 @@ LEAST_DENOMINATOR = 1e-12
 ROOT_RIDGE = 1e-12
 # (lobe, pair) values that Eq. 5 holds at once with their gradients.
 CPU_VALUES, CUDA_VALUES = 1 << 22, 1 << 27
-
-Advance = Callable[[int], None]
 
 
 @dataclass
