@@ -31,7 +31,7 @@ from spmm_torch.fit.select import alternate, clusters
 
 blocks.CPU_BLOCK_VALUES = 1 << 20
 for module in (joint, plan):
-    module.CPU_SLOPES = 1 << 20
+    module.CPU_JACOBIAN_VALUES = 1 << 20
 for module in (alternate, clusters):
     module.CPU_TEXELS = 1 << 8
 source, run, cache, settings = sys.argv[1:]

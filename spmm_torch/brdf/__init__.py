@@ -1,7 +1,6 @@
 """The registry of analytical BRDFs [WDR11 §3.1]. A new one is one file and one line in `CLASSES`.
 
-The names are there without importing torch, for settings and help texts; the models are imported
-when they are first asked for.
+Names are known without torch, for settings and help texts. The models are imported at first use.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .base import BRDF, Parameter
 
-# Module and class of each model. Its place is its index in memory: add at the end.
+# Module and class of each model. Its position is its index in memory: add at the end.
 CLASSES: dict[str, str] = {
     "lambertian": "lambertian.Lambertian",
     "oren_nayar": "oren_nayar.OrenNayar",
@@ -25,8 +24,8 @@ CLASSES: dict[str, str] = {
     "ggx": "ggx.GGX",
 }
 MODEL_NAMES: tuple[str, ...] = tuple(CLASSES)
-# The seven of the paper are what a fit uses by default. All others are options, so that a new
-# model changes nobody's fit.
+# The seven models of the paper, which a fit uses by default. Others are options, so that adding a
+# model changes no fit.
 PAPER_MODELS: tuple[str, ...] = MODEL_NAMES[:7]
 
 REGISTRY: tuple[BRDF, ...]
@@ -36,7 +35,7 @@ __all__ = ["MAX_PARAMETERS", "MODEL_NAMES", "PAPER_MODELS", "REGISTRY", "BRDF", 
 
 
 def __getattr__(name: str) -> Any:
-    """What needs the models themselves, at first use."""
+    """Names that need the models, at first use."""
     if name in ("REGISTRY", "MAX_PARAMETERS"):
         models = tuple(_model(place) for place in CLASSES.values())
         widest = max(len(model.parameters) for model in models)

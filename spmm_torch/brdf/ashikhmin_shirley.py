@@ -21,7 +21,7 @@ from .base import (
 )
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
-# Squared sine of the half vector under which its azimuth does not matter.
+# Squared sine of the half vector angle under which the azimuth does not matter.
 PLANAR_EPS = 1e-12
 
 
@@ -29,7 +29,7 @@ class AshikhminShirley(BRDF):
     """The specular term of Ashikhmin and Shirley [AS00, §2].
 
     f_r = sqrt((nu + 1)(nv + 1)) / (8 pi) (n.h)^(nu cos^2 phi_h + nv sin^2 phi_h)
-    / ((h.wi) max(n.wi, n.wo)) F(h.wi). Its diffuse companion is left to the other lobes.
+    / ((h.wi) max(n.wi, n.wo)) F(h.wi). Their diffuse term is left to other lobes.
 
     | parameter | range | meaning |
     |---|---|---|

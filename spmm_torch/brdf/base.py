@@ -1,4 +1,4 @@
-"""What every analytical BRDF is: a name, a table of parameters, and `eval` in its local frame."""
+"""The interface of an analytical BRDF: name, parameter table, `eval`, `sample` and `pdf`."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ import torch
 from torch import Tensor
 
 INV_PI = 1.0 / math.pi
-# Cosines are kept from zero in denominators: 0.06 degrees above the horizon no gonioreflectometer
-# measures any more, and powers of 1/cos stay far from overflow in float32.
+# Least cosine in a denominator, 0.06 degrees above the horizon: lower than gonioreflectometers
+# measure, and powers of 1/cos stay far from overflow in float32.
 COS_EPS = 1e-3
-# Leaves room for the factors of a lobe above the smallest normal number.
+# Room for the other factors of a lobe above the smallest normal number.
 EXPONENT_MARGIN = 7.0
-# Widths that models are searched from, about a factor of two apart: the search bridges that gap.
+# Widths that a search starts from, about a factor of two apart: the search bridges that gap.
 EXPONENTS = (4.0, 16.0, 64.0, 256.0)
 SLOPES = (0.1, 0.2, 0.4, 0.7)
-# About as narrow as a measured direction stands for.
+# Widths of about the spacing of measured directions.
 NARROW_EXPONENTS = (256.0, 1000.0)
 NARROW_SLOPES = (0.03, 0.06)
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One row of a BRDF's parameter table.
+    """One row of the parameter table of a BRDF.
 
     Attributes:
-        name: the field's name for it.
+        name: its name in the field.
         low, high: physical bounds, inclusive.
-        scale: `"linear"`, or `"log"` where ratios matter; the search moves on this scale.
-        meaning: what it does, with its unit.
-        from_width: for a parameter that sets the width of the lobe, its value for a lobe of
-            given width, a power law; None for the others. The width is the slope of the half
-            vector (tangent of its angle) at which a lobe seen along the normal has fallen to 1/e.
+        scale: `"linear"`, or `"log"` where ratios matter; the scale of the search.
+        meaning: its effect, with its unit.
+        from_width: the value for a lobe of given width, a power law; None for parameters that do
+            not set the width. The width is the slope (tangent of the angle) of the half vector at
+            which a lobe seen along the normal has fallen to 1/e.
     """
 
     name: str
@@ -46,13 +46,13 @@ class Parameter:
     from_width: Callable[[float], float] | None = None
 
     def to_unit(self, value: Tensor) -> Tensor:
-        """Maps `[low, high]` to `[0, 1]` on the parameter's scale."""
+        """Values `[...]` of 0 to 1 from those of low to high, on the scale of the parameter."""
         if self.scale == "log":
             return torch.log(value / self.low) / math.log(self.high / self.low)
         return (value - self.low) / (self.high - self.low)
 
     def from_unit(self, unit: Tensor) -> Tensor:
-        """Maps `[0, 1]` to `[low, high]` on the parameter's scale."""
+        """Values `[...]` of low to high from those of 0 to 1, on the scale of the parameter."""
         if self.scale == "log":
             return self.low * torch.exp(unit * math.log(self.high / self.low))
         return self.low + unit * (self.high - self.low)
@@ -62,17 +62,17 @@ class BRDF(ABC):
     """An analytical BRDF in its local frame, where z is the normal and x the tangent.
 
     Attributes:
-        name: in settings and model files, as in the registry.
-        title: in pictures and pages.
-        references: sources in full: authors, title, venue, year; that of the model first.
+        name: of the registry, in settings and model files.
+        title: name in pictures and pages.
+        references: full sources (authors, title, venue, year), that of the model first.
         parameters: the table of kappa, P rows.
-        shapes: kappa of the lobes that every search starts from.
-        peak_shapes: kappa of narrow lobes, tried only where values peak; for some models.
-        anisotropic: whether it has a tangent. Its first two parameters are then the widths along
-            tangent and bitangent.
-        reciprocal: whether wi and wo may change places.
-        largest_weight: bound of f_r cos_theta_i / pdf over samples at views of up to 85 degrees;
-            1 for a sampler that follows its lobe.
+        shapes: kappa of the lobes in the bank, from which every search starts.
+        peak_shapes: kappa of narrow lobes, tried only where values peak; may be empty.
+        anisotropic: whether the model has a tangent. Its first two parameters are then the widths
+            along tangent and bitangent.
+        reciprocal: whether f_r stays the same if wi and wo are exchanged.
+        largest_weight: bound of f_r cos_theta_i / pdf of samples, at views up to 85 degrees; 1 for
+            a sampler that follows the lobe.
     """
 
     name: str
@@ -95,9 +95,9 @@ class BRDF(ABC):
 
     @abstractmethod
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
-        """wi `[..., 3]` drawn by `u [..., 3]` in [0, 1): u[0] for choices, the others for angles.
+        """wi `[..., 3]` of `u [..., 3]` in [0, 1): u[0] makes choices, u[1] and u[2] give angles.
 
-        wo is above the horizon; wi may fall under it, where the value is 0.
+        wo is above the horizon; wi may be under it, where f_r is 0.
         """
 
     @abstractmethod
@@ -107,7 +107,7 @@ class BRDF(ABC):
 
 @dataclass(frozen=True)
 class HalfVector:
-    """Products of the unnormalized half vector wi + wo, all `[...]`, that the models share."""
+    """Components and lengths of the unnormalized half vector wi + wo, `[...]` each."""
 
     x_squared: Tensor
     y_squared: Tensor
@@ -116,17 +116,17 @@ class HalfVector:
 
     @property
     def planar_squared(self) -> Tensor:
-        """Squared length of its projection on the surface."""
+        """Squared length of its projection on the surface, `[...]`."""
         return self.x_squared + self.y_squared
 
     @property
     def cos_theta_d(self) -> Tensor:
-        """Cosine of the difference angle, h . wi: half the length of wi + wo."""
+        """Cosine of the difference angle, h . wi, `[...]`: half the length of wi + wo."""
         return 0.5 * torch.sqrt(self.length_squared)
 
 
 def half_vector(wi: Tensor, wo: Tensor) -> HalfVector:
-    """The half vector of local wi and wo `[..., 3]`; z is kept from zero, for opposite ones."""
+    """The half vector of local wi and wo `[..., 3]`; z is at least COS_EPS, for opposite ones."""
     x = wi[..., 0] + wo[..., 0]
     y = wi[..., 1] + wo[..., 1]
     z = (wi[..., 2] + wo[..., 2]).clamp(min=COS_EPS)
@@ -137,27 +137,27 @@ def half_vector(wi: Tensor, wo: Tensor) -> HalfVector:
 def above_horizon(wi: Tensor, wo: Tensor) -> Tensor:
     """1 where both directions `[..., 3]` are above the horizon, else 0, in their own type.
 
-    By arithmetic: on a CPU, comparing and multiplying by bools takes four times as long.
+    Arithmetic is four times as fast as a comparison and a product with bools on a CPU.
     """
     return (wi[..., 2].clamp(0.0, 1.0) * wo[..., 2].clamp(0.0, 1.0)).ceil()
 
 
 def exp_of_negative(exponent: Tensor) -> Tensor:
-    """exp of `exponent [...]` <= 0, kept above the smallest normal number of its type.
+    """exp of `exponent [...]` <= 0, at least the smallest normal number of its type.
 
-    Nothing is lost below it, but there a CPU takes ten times as long.
+    Smaller numbers are as good as 0, but a CPU takes ten times as long with them.
     """
     least = math.log(torch.finfo(exponent.dtype).tiny) + EXPONENT_MARGIN
     return torch.exp(exponent.clamp(min=least))
 
 
 def guarded_cosines(wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
-    """(cos_theta_i, cos_theta_o), kept from zero so that they may stand in a denominator."""
+    """(cos_theta_i `[...]`, cos_theta_o `[...]`), at least COS_EPS, for use in denominators."""
     return wi[..., 2].clamp(min=COS_EPS), wo[..., 2].clamp(min=COS_EPS)
 
 
 def schlick_fresnel(f0: Tensor, cos_theta_d: Tensor) -> Tensor:
-    """Schlick's approximation of the Fresnel term; f0 at normal incidence, all `[...]`.
+    """Schlick's approximation of the Fresnel term, `[...]`, with f0 at normal incidence.
 
     Source: C. Schlick, An Inexpensive BRDF Model for Physically-based Rendering, Computer Graphics
     Forum 13(3), 233-246, 1994, Eq. 15.

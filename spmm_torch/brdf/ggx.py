@@ -22,7 +22,7 @@ from .base import (
 from .visible import unit_half_vector
 
 Components = tuple[Tensor, Tensor, Tensor]  # x, y and z of vectors, each `[...]`
-# The distribution has long tails and no mean square slope: it falls to 1/e at alpha times this.
+# Width over alpha: the slope at which the distribution falls to 1/e. It has no mean square slope.
 WIDTH_OF_ALPHA = math.sqrt(math.sqrt(math.e) - 1.0)
 # Keeps the direction of the shortest half vector that float32 holds.
 LENGTH_FLOOR = 1e-30
@@ -85,8 +85,8 @@ class GGX(BRDF):
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By the distribution of visible normals [Dupuy and Benyoub 2023]; see `BRDF.sample`.
 
-        Where alpha is 1 the facets are a hemisphere, which mirrors the view evenly into a
-        spherical cap; other alphas stretch it.
+        Facets of alpha 1 form a hemisphere, which mirrors the view uniformly into a spherical cap;
+        other alphas stretch the hemisphere.
         """
         x, y, z = wo.unbind(-1)
         view_x, view_y, view_z = _unit(*_stretched(kappa, x, y, z))
@@ -101,7 +101,7 @@ class GGX(BRDF):
         return torch.stack((twice * h_x - x, twice * h_y - y, twice * h_z - z)).movedim(0, -1)
 
     def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-        """Density of `sample` in 1/sr: D / (2 (wo_z + l(wo))), 0 for h that looks down."""
+        """Density of `sample`, D / (2 (wo_z + l(wo))), 0 if h points down; see `BRDF.pdf`."""
         alpha_x, alpha_y = kappa[..., 0], kappa[..., 1]
         x, y, z = unit_half_vector(wi, wo).unbind(-1)
         # At least 1 for unit h; there is none where wi and wo are opposite.
@@ -112,7 +112,7 @@ class GGX(BRDF):
 
 
 def _stretched(kappa: Tensor, x: Tensor, y: Tensor, z: Tensor) -> Components:
-    """(ax x, ay y, z): what makes the facets of any alphas from those of a hemisphere."""
+    """(ax x, ay y, z): stretches vectors of a hemisphere to those of any alpha."""
     return kappa[..., 0] * x, kappa[..., 1] * y, z
 
 

@@ -13,7 +13,7 @@ from ..geometry.directions import frame_from_normal
 from ..geometry.warp import square_to_power_cosine, square_to_power_cosine_pdf
 from .base import BRDF, Parameter, above_horizon, exp_of_negative
 
-# The lobe's base is raised to a power through its logarithm, so it is kept above zero.
+# Least base of the power, which is computed by the logarithm of the base.
 BASE_EPS = 1e-6
 
 
@@ -69,7 +69,7 @@ class Lafortune(BRDF):
 
 
 def _about_axis(c_xy: Tensor, wo: Tensor) -> Tensor:
-    """Rotations `[..., 3, 3]` that take the lobe's axis, (C wo.x, C wo.y, wo.z), to z."""
+    """Rotations `[..., 3, 3]` that take the axis of the lobe, (C wo.x, C wo.y, wo.z), to z."""
     x, y = c_xy * wo[..., 0], c_xy * wo[..., 1]
     axis = torch.stack((x, y, wo[..., 2].expand(x.shape)), dim=-1)
     return frame_from_normal(normalize(axis, dim=-1), torch.zeros_like(x))

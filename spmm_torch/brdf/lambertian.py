@@ -1,4 +1,4 @@
-"""Lambertian reflection: the same radiance in every direction."""
+"""Lambertian reflection: the same radiance in all directions."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Sampling through the half vectors that the view sees, for every BRDF that is a lobe of h.
+"""Sampling of visible half vectors, for every BRDF that is a lobe of the half vector h.
 
 Microfacets in V-grooves come in pairs, h = (x, y, z) and h' = (-x, -y, z). Of a pair that is drawn
-from the plain density p_h of half vectors, the facet is taken in proportion to its visible area
-<h.wo>, which gives exactly the distribution of visible normals of the V-groove model
-[Heitz and d'Eon 2014], so of our Cook-Torrance; for the other BRDFs it is a sampler that
-never wastes a half vector that faces away. With wi the mirror image of wo about h,
+from a density p_h of half vectors, one facet is chosen in proportion to its visible area <h.wo>.
+This gives exactly the distribution of visible normals of the V-groove model [Heitz and d'Eon 2014],
+which Cook-Torrance has; for other BRDFs it is a sampler that never draws a half vector that faces
+away. With wi the mirror image of wo about h,
 
     pdf(wi) = p_h(h) / (2 max(h.wo, 2 (n.h)(n.wo))).
 
@@ -19,17 +19,18 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-# wi + wo shorter than this has lost its direction to rounding. It is met only where wi is under the
-# horizon, or where both are within a thousandth of a degree of it.
+# Least length of wi + wo: the direction of a shorter one is rounding. Then wi is under the horizon,
+# or both are within a thousandth of a degree of it.
 LENGTH_FLOOR = 1e-6
 
 
 def reflect_about_visible(h: Tensor, wo: Tensor, u: Tensor) -> Tensor:
-    """wi `[..., 3]`: wo mirrored about h or its partner, whichever `u [...]` in [0, 1) takes.
+    """wi `[..., 3]`: wo mirrored about h or h', which `u [...]` in [0, 1) decides.
 
     Args:
-        h: unit half vectors from p_h `[..., 3]`.
-        wo: unit, above the horizon `[..., 3]`.
+        h: unit half vectors `[..., 3]` drawn from p_h.
+        wo: unit views above the horizon, `[..., 3]`.
+        u: uniform numbers `[...]`.
     """
     planar = h[..., 0] * wo[..., 0] + h[..., 1] * wo[..., 1]
     upright = h[..., 2] * wo[..., 2]

@@ -1,4 +1,4 @@
-"""The model made of what the stages found: lobes in use, entries by texel, residuals."""
+"""The model of a fit: the lobes in use, the entries of all texels, the residuals."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .select.clusters import ClusterFit
 
 
 def assemble(btf: BTF, clusters: Clusters, lobes: LobeBatch, fits: list[ClusterFit]) -> SPMM:
-    """The model on the CPU; lobes that no texel uses are left out."""
+    """The model on the CPU [WDR11 Eq. 2], without lobes that no texel uses."""
     entries = _entries(clusters, fits)
     used, index = torch.unique(entries.index, return_inverse=True)
     views, lights = len(btf.view), len(btf.light)
@@ -37,7 +37,7 @@ def assemble(btf: BTF, clusters: Clusters, lobes: LobeBatch, fits: list[ClusterF
 
 
 def _entries(clusters: Clusters, fits: list[ClusterFit]) -> SparseWeights:
-    """Entries of all texels in their order, without padding."""
+    """Entries of all texels in the order of the texels, without padding."""
     texels, index, weight = [], [], []
     for members, fit in zip(clusters.members, fits, strict=True):
         real = fit.index >= 0  # [n, M]

@@ -1,4 +1,10 @@
-"""Stages cluster and sample: k-means over all texels, and stratified samples [WDR11 §4.1]."""
+"""Stages cluster and sample: k-means over all texels, and stratified samples [WDR11 §4.1].
+
+References:
+    [HMT11] Nathan Halko, Per-Gunnar Martinsson, Joel A. Tropp, Finding Structure with Randomness:
+        Probabilistic Algorithms for Constructing Approximate Matrix Decompositions, SIAM Review
+        53(2), 2011.
+"""
 
 from __future__ import annotations
 
@@ -15,21 +21,21 @@ from ..solvers.kmeans import kmeans
 from ..solvers.status import Solver, StatusCounts
 from .problem import Problem
 
-# Columns that the randomized sketch carries beyond the components asked for [HMT11, §4.2].
+# Columns of the random matrix beyond the components asked for [HMT11, §4.2].
 OVERSAMPLING = 8
-# Share of a texel's norm that the float32 sums behind its coordinates may be off by, generously:
-# equal texels then stay equal whatever block they were in.
+# Bound of the relative rounding error of principal coordinates: texels closer than this are equal,
+# so equal texels stay equal whatever their blocks.
 COORDINATE_ROUNDING = 1e-5
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Texels by cluster.
+    """The clusters of all texels.
 
     Attributes:
         points: principal coordinates of the texels, `[T, P]`.
-        labels: cluster of each texel, `[T]`, 0 to K - 1; every cluster has a texel.
-        members: texel indices of each cluster, ascending.
+        labels: cluster of each texel, `[T]`, 0 to K - 1; no cluster is empty.
+        members: ascending texel indices `[n]` of each cluster.
         solvers: how k-means ended.
     """
 
@@ -42,18 +48,18 @@ class Clusters:
     def of_labels(
         cls, points: Tensor, labels: Tensor, solvers: StatusCounts | None = None
     ) -> Clusters:
-        """The clusters that labels 0 to K - 1 make."""
+        """The clusters of `labels [T]`, 0 to K - 1, of texels with `points [T, P]`."""
         count = int(labels.max()) + 1
         members = [torch.nonzero(labels == k).squeeze(1) for k in range(count)]
         return cls(points, labels, members, solvers or StatusCounts.none())
 
     def to_tensors(self) -> dict[str, Tensor]:
-        """For a checkpoint."""
+        """Tensors for a checkpoint: `points [T, P]`, `labels [T]` and the counts of `solvers`."""
         return {"points": self.points, "labels": self.labels, "solvers": self.solvers.table}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> Clusters:
-        """From a checkpoint."""
+        """The clusters of a checkpoint; see `Clusters.to_tensors`."""
         solvers = StatusCounts(tensors["solvers"])
         return cls.of_labels(tensors["points"], tensors["labels"], solvers)
 
@@ -63,7 +69,7 @@ class Samples:
     """Texels on which lobes are searched.
 
     Attributes:
-        texels: `[S]`.
+        texels: their indices, `[S]`.
         clusters: cluster of each, `[S]`.
         solvers: how k-means of the sub-clusters ended.
     """
@@ -89,6 +95,7 @@ def cluster_texels(problem: Problem) -> Clusters:
 
 
 def _clusters(problem: Problem, advance: Advance) -> Clusters:
+    """k-means of the principal coordinates, by the first rank for all."""
     btf, config, context = problem.btf, problem.config.cluster, problem.context
     generator = context.generator("cluster")
     points = principal_points(problem, generator, advance)
@@ -106,7 +113,7 @@ def _clusters(problem: Problem, advance: Advance) -> Clusters:
 
 
 def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None:
-    """One sentence where the texels did not allow as many clusters as were asked for."""
+    """A warning if the texels allow fewer clusters than were asked for."""
     if count == asked:
         return None
     cause = f"only {texels} texels" if texels < asked else "too few distinct texels"
@@ -116,9 +123,8 @@ def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None
 def principal_points(problem: Problem, generator: torch.Generator, advance: Advance) -> Tensor:
     """Coordinates `[T, P]` of the texels on their leading right singular vectors.
 
-    A randomized range finder with one power iteration [Halko, Martinsson, Tropp 2011, Alg. 4.4]:
-    distances between texels are kept but for what the components leave out, and k-means never
-    touches vectors of D * C values. Calls `advance(texels)` along the way, 2 T in all.
+    They are found by a randomized range finder with one power iteration [HMT11, Alg. 4.4]. k-means
+    then works on P coordinates instead of D * C values. `advance` receives 2 T in all.
     """
     btf, ranks, device = problem.btf, problem.context.ranks, problem.device
     components = problem.config.cluster.components
@@ -128,7 +134,7 @@ def principal_points(problem: Problem, generator: torch.Generator, advance: Adva
     probe = probe.transpose(0, 1).reshape(width, rank).to(device)  # channels first, as signals
     blocks = list(slices(btf.texel_count, block_texels(btf, device)))
     mine = blocks[ranks.rank :: ranks.size]
-    # In float64, so that the order of the blocks does not show.
+    # float64, so that the order of the blocks does not matter.
     back = torch.zeros(width, rank, dtype=torch.float64, device=device)
     for block in mine:  # Y^T (Y probe), without keeping Y
         values = _weighted(problem.weights, problem.signals(block).flatten(1), block)
@@ -147,13 +153,13 @@ def principal_points(problem: Problem, generator: torch.Generator, advance: Adva
 
 
 def _weighted(weights: Weights, rows: Tensor, texels: slice) -> Tensor:
-    """Rows `[n, P]` of some texels, scaled by sqrt(v_t)."""
+    """Rows `[n, P]` of `texels` times the square roots of their weights."""
     of_texels = weights.of_texels(texels, rows.device)
     return rows if of_texels is None else rows * of_texels.sqrt()[:, None]
 
 
 def sample_texels(problem: Problem, clusters: Clusters) -> Samples:
-    """One random texel of each sub-cluster of each cluster, drawn by weight [WDR11 §4.1]."""
+    """One texel of each sub-cluster of each cluster, drawn by weight [WDR11 §4.1]."""
     weights, generator = problem.weights, problem.context.generator("sample")
     texels, owners, counts = [], [], []
     for cluster, members in enumerate(clusters.members):
@@ -170,8 +176,8 @@ def sample_texels(problem: Problem, clusters: Clusters) -> Samples:
 
 
 def _drawn(texels: Tensor, weights: Weights, generator: torch.Generator) -> int:
-    """The place of one of some texels, drawn by weight."""
-    chance = weights.of_texels(texels)
-    if chance is None or not bool(chance.any()):
+    """Position of one of `texels [n]`, drawn by weight."""
+    probability = weights.of_texels(texels)
+    if probability is None or not bool(probability.any()):
         return int(torch.randint(len(texels), (1,), generator=generator))
-    return int(torch.multinomial(chance.double(), 1, generator=generator))
+    return int(torch.multinomial(probability.double(), 1, generator=generator))

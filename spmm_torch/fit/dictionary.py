@@ -1,4 +1,4 @@
-"""Stage dictionary: the union of all lobes found on the samples, without repeats [WDR11 §4.1]."""
+"""Stage dictionary: the union of the lobes of all samples, without duplicates [WDR11 §4.1]."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .problem import Problem
 
 @dataclass(frozen=True)
 class FoundLobes:
-    """What a search found.
+    """The lobes that a search found.
 
     Attributes:
         lobes: N lobes.
-        cluster: cluster of the sample that each was found on, `[N]` on the CPU.
-        error: share of its sample's energy that the sample's lobes leave, `[N]` on the CPU.
-        starts: how many starts there were, how many of them met NaN or infinity, and from how
-            many no step went down, `[3]` on the CPU.
+        cluster: cluster of the sample of each lobe, `[N]` on the CPU.
+        error: relative squared error of the sample of each lobe, `[N]` on the CPU.
+        starts: all starts, those that met NaN or infinity, and those from which no step went
+            down, `[3]` on the CPU.
         solvers: problems of the search by solver and status.
     """
 
@@ -34,17 +34,17 @@ class FoundLobes:
     solvers: StatusCounts = field(default_factory=StatusCounts.none)
 
     def on_cpu(self) -> FoundLobes:
-        """The same with everything on the CPU."""
+        """The same lobes on the CPU."""
         return replace(self, lobes=self.lobes.to("cpu"), solvers=self.solvers.to("cpu"))
 
     def to_tensors(self) -> dict[str, Tensor]:
-        """For a checkpoint."""
+        """Tensors for a checkpoint: `cluster [N]`, `error [N]` and others by their names."""
         own = {name: getattr(self, name) for name in ("cluster", "error", "starts")}
         return {**own, "solvers": self.solvers.table, **vars(self.lobes)}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> FoundLobes:
-        """From a checkpoint, on the CPU."""
+        """The lobes of a checkpoint, on the CPU; see `FoundLobes.to_tensors`."""
         parts = (tensors[name] for name in ("model", "kappa", "normal", "angle"))
         cluster, error, starts = (tensors[name] for name in ("cluster", "error", "starts"))
         return cls(LobeBatch(*parts), cluster, error, starts, StatusCounts(tensors["solvers"]))
@@ -52,15 +52,14 @@ class FoundLobes:
 
 @dataclass(frozen=True)
 class Dictionary:
-    """The lobes that texels may choose from.
+    """The lobes that texels choose from.
 
     Attributes:
         lobes: J lobes.
-        atoms: their values on all pairs, each of unit norm, `[J, D]`.
-        norm: norms of the values before that, `[J]`.
-        choices: for each cluster, the indices of the lobes open to it.
-        raw: the values over the norm without the weights of the pairs, `[J, D]`; the atoms
-            themselves where nothing is weighted.
+        atoms: their weighted values on all pairs, scaled to unit norm, `[J, D]`.
+        norm: norms that the values had, `[J]`.
+        choices: for each cluster, the indices `[N]` of the lobes that it may choose.
+        raw: the values without the weights of the pairs, over the same norm, `[J, D]`.
     """
 
     lobes: LobeBatch
@@ -79,7 +78,7 @@ def build_dictionary(problem: Problem, found: FoundLobes, cluster_count: int) ->
 def merge_lobes(
     found: FoundLobes, cluster_count: int, grid: DirectionGrid, config: DictionaryConfig
 ) -> Dictionary:
-    """Merges lobes whose correlation is above `config.merge`; that of the better fit stays."""
+    """Merges lobes that correlate more than `config.merge`; the lobe of the better fit stays."""
     lobes = found.lobes.to(grid.light.device)
     values = grid.eval(lobes)
     norm = values.norm(dim=1)

@@ -1,4 +1,4 @@
-"""Stage load: the plan told, values decoded, weights complete."""
+"""Stage load: decoded values, weights of errors, and the memory that they may take."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
     """The problem that the other stages solve.
 
     Args:
-        btf: the input; its values are decoded here unless they are already.
+        btf: the input, which is decoded here.
         config: of the fit.
         context: of the run.
-        weights: how much errors count; None: as the settings say.
+        weights: of the errors; None: those of the settings.
 
     Raises:
         DataError: the BTF cannot be decoded or is not valid.

@@ -30,13 +30,13 @@ from .select.clusters import fit_texels
 
 @dataclass(frozen=True)
 class FitResult:
-    """What a fit yields.
+    """The model of a fit and its report.
 
     Attributes:
         model: the mixture model, on the CPU.
-        figures: of the fit.
+        figures: errors, sizes and times.
         info: `labels [T]`, `samples [S]` and the number of `lobes_found`.
-        likeness: the sphere pictures and their MSSIM; None where they were not asked for.
+        likeness: pictures of spheres and their MSSIM; None if they were not asked for.
     """
 
     model: SPMM
@@ -46,7 +46,7 @@ class FitResult:
 
     @property
     def report(self) -> dict[str, Any]:
-        """The figures with the keys of `report.json`."""
+        """The figures by the keys of `report.json`."""
         return self.figures.to_dict()
 
 
@@ -63,9 +63,9 @@ def fit(
     Args:
         btf: measured reflectance.
         config: settings; the defaults are those of `configs/default.yaml`.
-        context: of the run; None: on the device and with the seed of the settings, silent.
-        weights: how much errors count; None: as the settings say.
-        render: whether to compare pictures of both, which `mssim` of the report is from.
+        context: of the run; None: device and seed of the settings, without messages.
+        weights: of the errors; None: those of the settings.
+        render: whether to render spheres of both, for `mssim` of the report.
 
     Raises:
         DataError: the BTF cannot be decoded or is not valid.
@@ -104,7 +104,7 @@ def fit(
 
 
 def _pictures(model: SPMM, btf: BTF, context: Context) -> Likeness | None:
-    """The sphere pictures of both; on the first rank only."""
+    """Pictures of spheres of model and BTF; None but on the first rank."""
     if not context.ranks.is_first:
         return None
     with context.watch("evaluate"), context.progress.stage("render"):
@@ -112,14 +112,15 @@ def _pictures(model: SPMM, btf: BTF, context: Context) -> Likeness | None:
 
 
 def _sum(parts: list[Totals]) -> Totals | None:
+    """The sum of all parts; None if there are none."""
     return Totals.sum(parts) if parts else None
 
 
 def with_lobe_limit(config: FitConfig) -> FitConfig:
-    """Settings whose samples have no more lobes than texels may have.
+    """Settings whose samples have at most as many lobes as texels may have.
 
-    A lobe found beside others does its best beside them: where texels may have few, samples must
-    do with few too.
+    The lobes of a sample are refined together and serve best together: where texels may have few,
+    samples must have few.
     """
     limit = config.select.max_lobes
     if limit is None or limit >= config.search.max_lobes or config.search.method == "stagewise":

@@ -1,4 +1,4 @@
-"""What a fit will take, told before it starts: time, memory and disk."""
+"""Estimate of the time, memory and disk that a fit takes, made before it starts."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from ..runtime.memory import Budget, resident_memory
 from ..runtime.progress import duration
 from .cluster import OVERSAMPLING
 from .search.bank import SHAPES
-from .search.joint import CPU_SLOPES
+from .search.joint import CPU_JACOBIAN_VALUES
 from .search.lobes import bank_normals
 from .select.clusters import cluster_bytes
 
 FLOAT = 4
-# Copies of the samples, of the bank and of the batch of slopes that the search holds.
-SAMPLE_COPIES, BANK_COPIES, SLOPE_COPIES = 6, 2, 8
-# Copies of the dictionary where values count by weight: scaled, as it is, and of measured pairs.
+# Copies of the samples, of the bank and of one Jacobian that the search holds.
+SAMPLE_COPIES, BANK_COPIES, JACOBIAN_COPIES = 6, 2, 8
+# Copies of the dictionary where errors have weights: weighted, plain, and at measured pairs only.
 WEIGHTED_COPIES = 3
-# Share of the lobes found that the dictionary keeps, about.
+# Fraction of the lobes found that the dictionary keeps, about.
 KEPT_LOBES = 0.5
-# Seconds of a core, measured on 2 cores of 2.5 GHz: a decoded pixel; a sample, direction pair and
-# lobe of the search; a texel of the selection besides its products.
+# Seconds of one core of 2.5 GHz: to decode a pixel; to search, for each sample, direction pair and
+# lobe; to select for a texel, products apart.
 DECODE_SECONDS, SEARCH_SECONDS, SELECT_SECONDS = 3e-8, 9e-6, 2e-4
-# Side of the matrix whose product tells the speed of this machine, and repeats.
+# Size of the matrix product that measures the speed of this machine, and its repeats.
 PROBE, REPEATS = 768, 3
 
 
 @dataclass(frozen=True)
 class Plan:
-    """An estimate, right within a factor of two or so.
+    """An estimate, right within a factor of about two.
 
     Attributes:
         seconds: from input to model.
-        working_bytes: memory besides the decoded values, this process included.
-        decoded_bytes: the decoded values; 0 if they are streamed.
+        working_bytes: memory of the process, decoded values apart.
+        decoded_bytes: size of the decoded values; 0 if they are streamed.
     """
 
     seconds: float
@@ -47,14 +47,11 @@ class Plan:
     decoded_bytes: int
 
     def kept_bytes(self, budget: Budget, cached: bool = False) -> int:
-        """Decoded values that lie in memory; none if they are `cached` on disk whatever their size.
-
-        They are kept there if the budget has room for all of them.
-        """
+        """Decoded bytes in memory: all if the budget has room and they are not `cached` on disk."""
         return 0 if cached or self.decoded_bytes > budget.spare else self.decoded_bytes
 
     def describe(self, budget: Budget, cached: bool = False) -> str:
-        """One line for people."""
+        """One line for the log."""
         kept = self.kept_bytes(budget, cached)
         memory, disk = self.working_bytes + kept, self.decoded_bytes - kept
         return (
@@ -64,7 +61,7 @@ class Plan:
 
 
 def estimate(btf: BTF, config: FitConfig, device: torch.device) -> Plan:
-    """What a fit with these settings will take."""
+    """The estimate of a fit with these settings."""
     samples = min(config.cluster.count * config.sample.per_cluster, btf.texel_count)
     found = samples * config.search.max_lobes
     return Plan(
@@ -77,6 +74,7 @@ def estimate(btf: BTF, config: FitConfig, device: torch.device) -> Plan:
 def _working_bytes(
     btf: BTF, config: FitConfig, device: torch.device, samples: int, found: int
 ) -> int:
+    """Memory of the stage that needs most, given the numbers of samples and of lobes found."""
     resident = resident_memory()
     if device.type == "cuda":
         return resident + FLOAT * BLOCK_COPIES * CUDA_BLOCK_VALUES // 8
@@ -85,7 +83,7 @@ def _working_bytes(
     bank = sum(len(SHAPES[name]) for name in config.search.models) * normals
     block = cpu_block_bytes()
     search = FLOAT * pairs * (SAMPLE_COPIES * samples * btf.channels + BANK_COPIES * bank)
-    search += FLOAT * SLOPE_COPIES * CPU_SLOPES
+    search += FLOAT * JACOBIAN_COPIES * CPU_JACOBIAN_VALUES
     uniform = config.weights == WeightsConfig() and btf.missing is None
     copies = 1 if uniform else WEIGHTED_COPIES
     dictionary = FLOAT * pairs * (2 + copies) * found
@@ -94,6 +92,7 @@ def _working_bytes(
 
 
 def _seconds(btf: BTF, config: FitConfig, device: torch.device, samples: int) -> float:
+    """Seconds of all stages, given the number of samples."""
     values = btf.texel_count * btf.pair_count * btf.channels
     found = samples * config.search.max_lobes
     speed = _speed(device)
@@ -107,10 +106,10 @@ def _seconds(btf: BTF, config: FitConfig, device: torch.device, samples: int) ->
 
 
 def _speed(device: torch.device) -> float:
-    """Operations a second of a matrix product here."""
+    """Operations a second of a matrix product on `device`."""
     left = torch.ones(PROBE, PROBE, device=device)
     best = float("inf")
-    for _ in range(REPEATS + 1):  # the first one warms up
+    for _ in range(REPEATS + 1):  # the first is a warm-up
         start = time.perf_counter()
         float((left @ left)[0, 0])
         best = min(best, time.perf_counter() - start)

@@ -1,4 +1,4 @@
-"""What the stages of one fit share: measured values, weights of errors, settings, and the run."""
+"""The problem of a fit: measured values, weights of errors, settings, context of the run."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from ..runtime.context import Context
 
 @dataclass(frozen=True)
 class Problem:
-    """Find the mixture whose weighted errors on the measured values are least [WDR11 Eq. 2].
+    """Find the mixture [WDR11 Eq. 2] of least weighted squared error on the measured values.
 
     Attributes:
         btf: the measured values.
-        weights: how much an error counts, by texel and direction pair.
+        weights: of the errors, by texel and direction pair.
         config: the settings.
-        context: the run.
+        context: of the run.
     """
 
     btf: BTF
@@ -32,18 +32,18 @@ class Problem:
 
     @property
     def device(self) -> torch.device:
-        """On which to work."""
+        """Device of the run."""
         return self.context.device
 
     def grid(self) -> DirectionGrid:
-        """The measured direction pairs, scaled as their weights say."""
+        """The measured direction pairs, scaled by the square roots of their weights."""
         scale = self.weights.scale(self.device)
         return DirectionGrid.build(self.btf.light, self.btf.view, self.device, scale)
 
     def signals(self, texels: Index) -> Tensor:
-        """Weighted values `[n, C, D]` of some texels."""
+        """Values `[n, C, D]` of some texels times the square roots of the weights of the pairs."""
         return self.weights.signals(self.btf, texels, self.device)
 
     def importance(self, texels: Index) -> Tensor | None:
-        """Weights `[n]` of some texels; None if they are all 1."""
+        """Weights `[n]` of some texels; None if all are 1."""
         return self.weights.of_texels(texels, self.device)

@@ -1,8 +1,8 @@
 """Rotated, cosine-weighted BRDF lobes: the parametric functions rho_j of the mixture [WDR11 Eq. 3].
 
-This is the only place that rotates directions into a local frame, and the only one that applies
-the factor n_j . wi. Lobes are grouped by their model, so evaluating J of them costs one pass a
-model, never one a lobe.
+Only here, and in its Jacobian, are directions rotated into the frame of a lobe and the factor
+n_j . wi applied. Lobes are evaluated model by model, so J of them cost one pass a model, not one a
+lobe.
 """
 
 from __future__ import annotations
@@ -24,11 +24,10 @@ from ..geometry.directions import (
 )
 from .ragged import groups
 
-# Values a block of lobes may hold: intermediate results then stay in the cache of a CPU core,
-# and a GPU has enough to do.
+# Values of one block of lobes: few enough for the cache of a CPU core, enough to fill a GPU.
 CPU_BLOCK = 1 << 18
 CUDA_BLOCK = 1 << 27
-# Columns of a search coordinate: disk x, disk y, angle, then the parameters on [0, 1].
+# Search coordinates of a lobe: disk x, disk y, angle, then the parameters on [0, 1].
 COORDINATES = 3 + MAX_PARAMETERS
 
 
@@ -40,7 +39,7 @@ class LobeBatch:
         model: index into `MODEL_NAMES`, `[J]` long.
         kappa: parameters of the models in their own units, `[J, MAX_PARAMETERS]`, zero-padded.
         normal: unit normals n_j in texel coordinates, `[J, 3]`.
-        angle: turn of the tangent about the normal in radians, `[J]`; 0 for isotropic models.
+        angle: rotation of the tangent about the normal in radians, `[J]`; 0 for isotropic models.
     """
 
     model: Tensor
@@ -60,21 +59,21 @@ class LobeBatch:
         return LobeBatch(*(part.to(device) for part in self._parts()))
 
     def detach(self) -> LobeBatch:
-        """The same lobes cut from any autograd graph."""
+        """The same lobes without their autograd graph."""
         return LobeBatch(*(part.detach() for part in self._parts()))
 
     @staticmethod
     def cat(batches: Sequence[LobeBatch]) -> LobeBatch:
-        """All lobes of several batches in their order."""
+        """The lobes of several batches, one batch after another."""
         columns = zip(*(batch._parts() for batch in batches), strict=True)
         return LobeBatch(*(torch.cat(column) for column in columns))
 
     def by_model(self) -> Iterator[tuple[int, Tensor]]:
-        """(index into `MODEL_NAMES`, lobes that have this model, ascending) of every model met."""
+        """Every model in use: (index into `MODEL_NAMES`, ascending indices `[N]` of its lobes)."""
         return groups(self.model, len(REGISTRY))
 
     def names(self) -> list[str]:
-        """The model's name of each lobe."""
+        """The name of the model of each lobe."""
         return [MODEL_NAMES[index] for index in self.model.tolist()]
 
     def eval(self, wi: Tensor, wo: Tensor) -> Tensor:
@@ -86,8 +85,8 @@ class LobeBatch:
                 so `[1, 1, L, 3]` and `[1, V, 1, 3]` evaluate a whole grid of pairs.
 
         Returns:
-            `[J, ...]`, in 1/sr, with the factor n_j . wi; 0 where wi or wo is under the lobe's
-            horizon or the texel's.
+            `[J, ...]`, in 1/sr, with the factor n_j . wi; 0 where wi or wo is under the horizon of
+            the lobe or of the texel.
 
         Raises:
             DataError: lobes or directions in float16 or bfloat16.
@@ -102,11 +101,11 @@ class LobeBatch:
         return value.index_select(0, torch.argsort(order))
 
     def eval_grid(self, light: Tensor, view: Tensor) -> Tensor:
-        """rho_j on all pairs of lights `[L, 3]` and views `[V, 3]`: `[J, D]`."""
+        """rho_j on all pairs of lights `[L, 3]` and views `[V, 3]`: `[J, D]` [WDR11 Eq. 3]."""
         return self.eval(light[None, None], view[None, :, None]).flatten(1)
 
     def _blocks(self, wi: Tensor, wo: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
-        """(lobe indices, values) of blocks of equal model that fit the cache."""
+        """(indices `[B]`, values `[B, ...]`) of lobes in blocks of one model that fit the cache."""
         shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
         budget = CUDA_BLOCK if wi.is_cuda else CPU_BLOCK
         size = max(1, budget // max(1, shape.numel()))
@@ -125,21 +124,27 @@ class LobeBatch:
 
 
 def _check_precision(*tensors: Tensor) -> None:
-    """Raises DataError where any of the tensors has less than the 24 bits of float32."""
+    """Raises DataError if a tensor has fewer than the 24 bits of float32."""
     for tensor in tensors:
         if tensor.dtype in (torch.float16, torch.bfloat16):
             raise DataError(
-                f"lobes were asked for in {tensor.dtype}, too coarse for directions: narrow lobes "
-                f"would be missed; expected float32 or float64; convert with .float()."
+                f"lobes were given in {tensor.dtype}, too coarse for narrow lobes; expected "
+                f"float32 or float64; convert with .float()."
             )
 
 
 def eval_model(
     model: int, kappa: Tensor, normal: Tensor, angle: Tensor, wi: Tensor, wo: Tensor
 ) -> Tensor:
-    """rho of lobes of one model; kappa `[J, MAX_PARAMETERS]`, others as in `LobeBatch.eval`.
+    """rho `[J, ...]` of J lobes of one model [WDR11 Eq. 3]; fastest if components are contiguous.
 
-    Fastest where each component of wi and wo is contiguous.
+    Args:
+        model: index into `MODEL_NAMES`.
+        kappa, normal, angle: of the lobes, as in `LobeBatch`.
+        wi, wo: directions `[1 or J, ..., 3]`, as in `LobeBatch.eval`.
+
+    Raises:
+        DataError: kappa or directions in float16 or bfloat16.
     """
     _check_precision(kappa, wi, wo)
     rotation = frame_from_normal(normal, angle)  # [J, 3, 3]
@@ -154,7 +159,7 @@ def eval_model(
 def rotate(rotation: Tensor, w: Tensor) -> Tensor:
     """Local directions `[J, ..., 3]` of `w [1 or J, ..., 3]`, each component contiguous.
 
-    Written out: products of 3 x 3 matrices are too small to be left to a matrix library.
+    Written out, because matrix libraries are slow for products of 3 x 3 matrices.
     """
     x, y, z = w.movedim(-1, 0).contiguous()  # [1 or J, ...] each
     r = rotation.view(-1, *(1,) * x[0].ndim, 3, 3)  # [J, ..., 3, 3]
@@ -171,7 +176,7 @@ def anisotropic_mask(model: Tensor) -> Tensor:
 def decode(model: Tensor, coordinates: Tensor) -> LobeBatch:
     """Lobes of search coordinates `[J, COORDINATES]`: disk x and y, angle, parameters on [0, 1].
 
-    Smooth, so that the search can differentiate through it.
+    The map is smooth, so the search can differentiate it.
     """
     kappa = torch.zeros_like(coordinates[:, 3:])
     for index, rows in groups(model, len(REGISTRY)):
@@ -196,7 +201,7 @@ def encode(lobes: LobeBatch) -> Tensor:
 
 @dataclass(frozen=True)
 class Feasible:
-    """The box and disk in which lobes may move: physical bounds, and no lobe narrower than asked.
+    """Bounds of the search coordinates: those of the parameters, and a least width of lobes.
 
     Attributes:
         low, high: bounds of the parameters on [0, 1], `[len(MODEL_NAMES), MAX_PARAMETERS]`.
@@ -207,9 +212,9 @@ class Feasible:
 
     @classmethod
     def build(cls, min_width: float) -> Feasible:
-        """Bounds for lobes of at least `min_width` (radians, slope of the half vector).
+        """Bounds of lobes at least `min_width` wide, see `Parameter.from_width`.
 
-        A lobe narrower than the angular sampling can match one sample and be wrong between.
+        A lobe narrower than the angular sampling can match one sample and be wrong between samples.
         """
         low = torch.zeros(len(MODEL_NAMES), MAX_PARAMETERS)
         high = torch.zeros(len(MODEL_NAMES), MAX_PARAMETERS)

@@ -1,4 +1,4 @@
-"""The measured direction pairs on a device, as the stages evaluate lobes on them."""
+"""Lobes evaluated on the measured direction pairs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..geometry.directions import angular_spacing
 from .batch import LobeBatch, decode
 from .jacobian import eval_with_jacobian
 
-# A lobe that correlates more than this with one that a search already has is that one.
+# Two lobes whose values correlate more than this count as the same lobe.
 SAME_LOBE = 0.999
 
 
@@ -22,8 +22,7 @@ class DirectionGrid:
     Attributes:
         light: `[1, 1, L, 3]`.
         view: `[1, V, 1, 3]`.
-        scale: square roots of the weights of the pairs, `[D]`, by which all values of lobes are
-            scaled; None: 1.
+        scale: factor of all values, the square root of the weight of each pair, `[D]`; None: 1.
     """
 
     light: Tensor
@@ -34,13 +33,13 @@ class DirectionGrid:
     def build(
         cls, light: Tensor, view: Tensor, device: torch.device, scale: Tensor | None = None
     ) -> DirectionGrid:
-        """The grid of lights `[L, 3]` and views `[V, 3]`."""
+        """The grid of lights `[L, 3]` and views `[V, 3]`, scaled by `scale [D]`."""
         scale = None if scale is None else scale.to(device)
         return cls(light.to(device)[None, None], view.to(device)[None, :, None], scale)
 
     @property
     def unscaled(self) -> DirectionGrid:
-        """The same pairs without weights."""
+        """The same pairs without their weights."""
         return DirectionGrid(self.light, self.view)
 
     @property
@@ -55,15 +54,16 @@ class DirectionGrid:
         return min(angular_spacing(directions.cpu()) for directions in sets)
 
     def eval(self, lobes: LobeBatch) -> Tensor:
-        """Values of lobes on all pairs, `[J, D]`."""
-        return self._scaled(lobes.eval(self.light, self.view).flatten(1))
+        """Values of lobes on all pairs, `[J, D]` [WDR11 Eq. 3]."""
+        return self.scaled(lobes.eval(self.light, self.view).flatten(1))
 
     def eval_at(self, lobes: LobeBatch, pairs: Tensor) -> Tensor:
-        """Values `[J, N]` of each lobe on pairs of its own, `[J, N]`."""
+        """Values `[J, N]` of each lobe on its own pairs, given by their indices `[J, N]`."""
         values = lobes.eval(*self.at(pairs))
         return values if self.scale is None else values * self.scale[pairs]
 
-    def _scaled(self, values: Tensor) -> Tensor:
+    def scaled(self, values: Tensor) -> Tensor:
+        """Values `[..., D]` times the scale of their pairs."""
         return values if self.scale is None else values * self.scale
 
     def at(self, pairs: Tensor) -> tuple[Tensor, Tensor]:
@@ -79,16 +79,21 @@ class DirectionGrid:
         return self.eval(lobes).unflatten(0, model.shape)
 
     def jacobian(self, model: Tensor, coordinates: Tensor) -> tuple[Tensor, Tensor]:
-        """Values `[S, M, D]` and slopes `[S, M, P, D]`."""
-        rho, slope = eval_with_jacobian(
+        """`values`, and their derivatives along all coordinates `[S, M, P, D]`."""
+        rho, derivative = eval_with_jacobian(
             model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view
         )
-        rho, slope = self._scaled(rho.flatten(1)), self._scaled(slope.flatten(2))
-        return rho.unflatten(0, model.shape), slope.unflatten(0, model.shape)
+        rho, derivative = self.scaled(rho.flatten(1)), self.scaled(derivative.flatten(2))
+        return rho.unflatten(0, model.shape), derivative.unflatten(0, model.shape)
 
 
 def distinct(atoms: Tensor, limit: float) -> Tensor:
-    """Indices of atoms `[J, D]` that no earlier kept one resembles, in their order."""
+    """Ascending indices `[N]` of atoms `[J, D]`, of which no two are alike: the first one stays.
+
+    Args:
+        atoms: of unit norm.
+        limit: correlation above which two atoms are alike.
+    """
     alike = (atoms @ atoms.T > limit).cpu().triu(1)
     kept = torch.ones(len(atoms), dtype=torch.bool)
     for row in range(len(atoms)):

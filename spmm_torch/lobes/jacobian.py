@@ -1,9 +1,9 @@
-"""Lobes and their slopes along the search coordinates, by one backward pass for all pairs.
+"""The Jacobian of lobes along their search coordinates, by one backward pass for all pairs.
 
-rho of a pair depends on the lobe only through its parameters and through wi and wo in the lobe's
-frame. With these as leaves, one for each pair, a single backward pass gives their slopes at every
-pair; the slopes along the frame's coordinates follow, since a small turn of a frame by omega moves
-a local direction w by omega x w.
+rho of a pair depends on its lobe only through kappa and through wi and wo in the frame of the lobe.
+These are the leaves of the backward pass, one set for each pair, so one pass gives their gradients
+at all pairs. The derivatives along the coordinates of the frame follow by the chain rule: a small
+rotation omega of the frame moves a local direction w by omega x w.
 """
 
 from __future__ import annotations
@@ -17,36 +17,35 @@ from ..geometry.directions import frame_from_normal, normal_from_disk
 from .batch import COORDINATES, CUDA_BLOCK, anisotropic_mask, rotate
 from .ragged import groups
 
-# Values of one tensor of a block: small enough for the caches, large enough that the fixed cost of
-# a backward pass does not matter.
-CPU_SLOPES = 1 << 17
-# Leaves and intermediate results of a backward pass that live at a time, about.
+# Values of one tensor of a block: few enough for the caches, enough to hide the cost of a call.
+CPU_BACKWARD_VALUES = 1 << 17
+# Tensors that a backward pass holds at once, about: leaves and intermediate results.
 LIVE_TENSORS = 64
 
 
 def eval_with_jacobian(
     model: Tensor, coordinates: Tensor, wi: Tensor, wo: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Lobes and their slopes.
+    """Values of lobes and their Jacobian [WDR11 Eq. 3].
 
     Args:
         model: `[J]`.
         coordinates: search coordinates `[J, COORDINATES]`.
-        wi, wo: `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
+        wi, wo: directions `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
 
     Returns:
-        rho `[J, ...]` and d rho / d coordinates `[J, COORDINATES, ...]`; columns that a model
-        does not have are zero.
+        rho `[J, ...]` and d rho / d coordinates `[J, COORDINATES, ...]`, which is 0 along
+        coordinates that a model does not have.
     """
     shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
     rho = coordinates.new_zeros(len(model), *shape)
-    slope = coordinates.new_zeros(len(model), COORDINATES, *shape)
-    budget = CUDA_BLOCK // LIVE_TENSORS if wi.is_cuda else CPU_SLOPES
+    jacobian = coordinates.new_zeros(len(model), COORDINATES, *shape)
+    budget = CUDA_BLOCK // LIVE_TENSORS if wi.is_cuda else CPU_BACKWARD_VALUES
     size = max(1, budget // max(1, shape.numel()))
     for index, of_model in groups(model, len(REGISTRY)):
         for rows in of_model.split(size):
-            rho[rows], slope[rows] = _block(index, coordinates[rows].detach(), wi, wo)
-    return rho, slope
+            rho[rows], jacobian[rows] = _block(index, coordinates[rows].detach(), wi, wo)
+    return rho, jacobian
 
 
 def _block(model: int, coordinates: Tensor, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
@@ -58,25 +57,25 @@ def _block(model: int, coordinates: Tensor, wi: Tensor, wo: Tensor) -> tuple[Ten
         for w in (wi, wo)
         for part in rotate(frame, w).unbind(-1)
     ]  # components of wi, then of wo, [J, ...] each
-    kappa, kappa_slope = _parameters(model, coordinates, len(shape))
+    kappa, kappa_derivative = _parameters(model, coordinates, len(shape))
     kappa = [part.expand_as(local[0]).contiguous().requires_grad_() for part in kappa]
     with torch.enable_grad():
         rho = _eval(model, kappa, local) * above_horizon(wi, wo)  # Eq. (3)
-        slopes = torch.autograd.grad(
+        gradients = torch.autograd.grad(
             rho.sum(), local + kappa, allow_unused=True, materialize_grads=True
         )
     jacobian = rho.new_zeros(len(coordinates), COORDINATES, *shape)
-    torque = _cross(local[:3], slopes[:3]) + _cross(local[3:], slopes[3:6])  # [3, J, ...]
+    torque = _cross(local[:3], gradients[:3]) + _cross(local[3:], gradients[3:6])  # [3, J, ...]
     for column, turn in enumerate(_turns(model, coordinates, frame)):  # [J, 3] each
         axis = turn.detach().view(len(turn), *[1] * len(shape), 3)
         jacobian[:, column] = sum(axis[..., k] * torque[k] for k in range(3))
-    for column, part in enumerate(kappa_slope):
-        jacobian[:, 3 + column] = part * slopes[6 + column]
+    for column, part in enumerate(kappa_derivative):
+        jacobian[:, 3 + column] = part * gradients[6 + column]
     return rho.detach(), jacobian
 
 
 def _eval(model: int, kappa: list[Tensor], local: list[Tensor]) -> Tensor:
-    """f (n_j . wi) of parameters and components of local directions, `[J, ...]` each."""
+    """f_r (n_j . wi) `[J, ...]` of kappa and local wi and wo, by components `[J, ...]`."""
     padding = [torch.zeros_like(local[0])] * (MAX_PARAMETERS - len(kappa))
     parameters = torch.stack(kappa + padding).movedim(0, -1)
     wi, wo = (torch.stack(local[first : first + 3]).movedim(0, -1) for first in (0, 3))
@@ -84,7 +83,7 @@ def _eval(model: int, kappa: list[Tensor], local: list[Tensor]) -> Tensor:
 
 
 def _frames(model: int, coordinates: Tensor) -> Tensor:
-    """Rotations `[J, 3, 3]` of search coordinates."""
+    """Rotations `[J, 3, 3]` into the frames of lobes, by their search coordinates."""
     angle = coordinates[:, 2] * anisotropic_mask(torch.tensor(model)).to(coordinates)
     return frame_from_normal(normal_from_disk(coordinates[:, :2]), angle)
 
@@ -92,7 +91,7 @@ def _frames(model: int, coordinates: Tensor) -> Tensor:
 def _parameters(
     model: int, coordinates: Tensor, dimensions: int
 ) -> tuple[list[Tensor], list[Tensor]]:
-    """Parameters and their slopes along [0, 1], `[J, 1, ...]` each."""
+    """Parameters and their derivatives along [0, 1], `[J, 1, ...]` each."""
     table = REGISTRY[model].parameters
     if not table:
         return [], []
@@ -100,15 +99,16 @@ def _parameters(
     with torch.enable_grad():
         pairs = zip(table, unit.unbind(-1), strict=True)
         value = torch.stack([row.from_unit(column) for row, column in pairs])
-        slope = torch.autograd.grad(value.sum(), unit)[0].T
+        derivative = torch.autograd.grad(value.sum(), unit)[0].T
     shape = (len(table), len(coordinates), *[1] * dimensions)
-    return list(value.detach().reshape(shape)), list(slope.reshape(shape))
+    return list(value.detach().reshape(shape)), list(derivative.reshape(shape))
 
 
 def _turns(model: int, coordinates: Tensor, frame: Tensor) -> list[Tensor]:
-    """How frames turn, as omega `[J, 3]` in local axes, along disk x, disk y and the angle.
+    """Rotations omega `[J, 3]` of the frames, in local axes, along disk x, disk y and the angle.
 
-    The shortest rotation from z to n turns about n by (n_x dn_y - n_y dn_x) / (1 + n_z) as n moves.
+    As n moves by dn, the shortest rotation from z to n turns about n by
+    (n_x dn_y - n_y dn_x) / (1 + n_z).
     """
     x, y = coordinates[:, 0], coordinates[:, 1]
     normal = frame[:, 2]

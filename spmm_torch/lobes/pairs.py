@@ -1,7 +1,7 @@
-"""Many lobes, each at directions of its own: rho of N (lobe, query) pairs.
+"""rho of N (lobe, query) pairs: each lobe at its own directions.
 
-Pairs are put in order of their lobes, and each lobe's pairs into rows of one length, so that what
-depends on the lobe alone is computed once a row, and what depends on both runs over long arrays.
+Pairs are sorted by lobe and cut into rows of one length. What depends on the lobe alone is then
+computed once a row, and the rest runs over long arrays.
 """
 
 from __future__ import annotations
@@ -15,18 +15,20 @@ from torch import Tensor
 from .batch import CPU_BLOCK, CUDA_BLOCK, LobeBatch, eval_model
 from .ragged import stable_order
 
-# Bounds of the length of a row: short ones repeat the work of the lobe, long ones are padded more.
+# Bounds of the length of a row: short rows repeat the work of a lobe, long rows need more padding.
 SHORTEST_ROW, LONGEST_ROW = 8, 128
 
 
 @dataclass(frozen=True)
 class PairRows:
-    """N (lobe, query) pairs in rows of one lobe each; its last pair is repeated to fill its row.
+    """N (lobe, query) pairs in G rows of S places; a row holds pairs of one lobe.
+
+    The last pair of a lobe is repeated to fill its last row.
 
     Attributes:
-        lobe: of each row, `[G]`, rows of one model after another.
-        query: of each place, `[G, S]`.
-        place: where each pair lies among the G * S places, `[N]`.
+        lobe: lobe of each row, `[G]`, sorted by model.
+        query: query of each place, `[G, S]`.
+        place: position of each pair among the G * S places, `[N]`.
     """
 
     lobe: Tensor
@@ -58,11 +60,11 @@ class PairRows:
         return cls(by_model[owner], in_order.view_as(pair), place + shift)
 
     def spread(self, parts: list[Tensor]) -> Tensor:
-        """Values `[N]` of the pairs, of values `[g, S]` of the rows, block after block."""
+        """Values `[N]` of the pairs, given those of the rows in blocks `[g, S]`."""
         return torch.cat(parts).flatten().index_select(0, self.place)
 
     def blocks(self, model: Tensor) -> Iterator[tuple[int, slice]]:
-        """(model, rows) of blocks of one model that fit the cache; `model [J]` of the lobes."""
+        """(model, rows) of blocks of one model that fit the cache, given the lobes' `model [J]`."""
         budget = CUDA_BLOCK if self.lobe.is_cuda else CPU_BLOCK
         size = max(1, budget // self.query.shape[1])
         models, counts = torch.unique_consecutive(model[self.lobe], return_counts=True)
@@ -74,12 +76,11 @@ class PairRows:
 
 
 def eval_pairs(lobes: LobeBatch, lobe: Tensor, query: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-    """rho of N pairs [WDR11 Eq. 3]; as `LobeBatch.eval`, but of chosen lobes for chosen queries.
+    """rho of N (lobe, query) pairs [WDR11 Eq. 3].
 
     Args:
         lobes: J lobes.
-        lobe: of each pair, `[N]` long.
-        query: of each pair, `[N]` long.
+        lobe, query: of each pair, `[N]` long.
         wi, wo: directions of Q queries, `[Q, 3]`.
 
     Returns:
@@ -92,15 +93,16 @@ def eval_pairs(lobes: LobeBatch, lobe: Tensor, query: Tensor, wi: Tensor, wo: Te
     parts = []
     for model, block in rows.blocks(lobes.model):
         owner = rows.lobe[block]
-        parameters = (part.index_select(0, owner) for part in (lobes.kappa, lobes.normal))
-        angle = lobes.angle.index_select(0, owner)
+        kappa, normal, angle = (
+            part.index_select(0, owner) for part in (lobes.kappa, lobes.normal, lobes.angle)
+        )
         at = rows.query[block]
-        parts.append(eval_model(model, *parameters, angle, gather(wi, at), gather(wo, at)))
+        parts.append(eval_model(model, kappa, normal, angle, gather(wi, at), gather(wo, at)))
     return rows.spread(parts)
 
 
 def gather(components: Tensor, index: Tensor) -> Tensor:
-    """Directions `[G, S, 3]` at `index [G, S]` of `components [3, Q]`, which stay contiguous."""
+    """Directions `[G, S, 3]` of `components [3, Q]` at `index [G, S]`, by contiguous components."""
     flat = index.flatten()
     picked = torch.stack([part.index_select(0, flat) for part in components])
     return picked.view(3, *index.shape).movedim(0, -1)

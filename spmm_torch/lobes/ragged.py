@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-# NumPy sorts numbers of 16 bits by counting, ten times faster on one core than torch on two.
+# NumPy sorts 16-bit numbers by counting: ten times faster on one core than torch on two.
 COUNTED = 1 << 16
 
 
 def stable_order(key: Tensor, count: int) -> Tensor:
-    """Positions `[N]` that sort `key [N]`, equal ones in their order.
+    """Positions `[N]` that sort `key [N]`; equal keys keep their order.
 
     Args:
         key: whole numbers from 0 to count - 1.
@@ -25,7 +25,7 @@ def stable_order(key: Tensor, count: int) -> Tensor:
 
 
 def groups(key: Tensor, count: int) -> Iterator[tuple[int, Tensor]]:
-    """(value, its positions, ascending) of every value that `key [N]` holds, ascending.
+    """(value, its ascending positions `[n]`) of every value in `key [N]`, ascending.
 
     The host waits for the device once.
 
@@ -39,7 +39,7 @@ def groups(key: Tensor, count: int) -> Iterator[tuple[int, Tensor]]:
 
 
 def run_starts(*keys: Tensor) -> Tensor:
-    """True `[N]` where a run of equal entries begins, in all of `keys [N]` together."""
+    """True `[N]` where a run of equal entries begins; an entry is the tuple of all `keys [N]`."""
     new = torch.ones_like(keys[0], dtype=torch.bool)
     new[1:] = keys[0][1:] != keys[0][:-1]
     for key in keys[1:]:
@@ -48,7 +48,11 @@ def run_starts(*keys: Tensor) -> Tensor:
 
 
 def ranges(start: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
-    """(owner `[N]`, number `[N]`) of all numbers start[i] to start[i] + count[i] - 1, in order."""
+    """All numbers from start[i] to start[i] + count[i] - 1, in order: (i `[N]`, number `[N]`).
+
+    Args:
+        start, count: of the ranges, `[R]` long.
+    """
     owner = torch.repeat_interleave(count)
     shift = start - (count.cumsum(0) - count)
     return owner, torch.arange(len(owner), device=owner.device) + shift.index_select(0, owner)

@@ -1,8 +1,8 @@
-"""Importance sampling of wi for a given wo by single rotated lobes; `sampling` mixes them.
+"""Importance sampling of wi for a given wo by one rotated lobe; `model.sampling` mixes lobes.
 
-A lobe is sampled in its own frame, which tilts against the texel's: what falls under the texel's
-horizon is mirrored upward (z to -z), so that the density p over the whole sphere becomes
-p(w) + p(mirrored w), which integrates to 1 over the upper hemisphere and is never below p.
+A lobe is sampled in its own frame, which is tilted. Directions under the horizon of the texel are
+mirrored upward (z to -z), so a density p over the whole sphere becomes p(w) + p(mirrored w): it
+integrates to 1 over the upper hemisphere and is never below p.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from .batch import LobeBatch, rotate
 from .pairs import PairRows, gather
 from .ragged import groups
 
-# A lobe is specular if, along one axis at least, its half vector's slope is below this (radians):
-# wider ones vary so slowly that a cosine lobe does as well [WDR11 §5.1 leaves the value open].
+# Width under which a lobe is specular along at least one axis, see `Parameter.from_width`. A cosine
+# lobe samples wider ones as well [WDR11 §5.1 leaves the value open].
 SPECULAR_WIDTH = 0.5
-# Sampled directions keep this much of z, so that the cosine lobe gives them a density above 0.
+# Least z of a sampled direction: the cosine lobe then gives it a density above 0.
 LOWEST_Z = 1e-6
-# Directions that average a lobe over light and view: a few percent error, which only moves samples
-# between lobes.
+# Directions that average a lobe over light and view. The error of a few percent only moves samples
+# from lobe to lobe.
 INTENSITY_SAMPLES = 1024
-# Samples that are worked on at once: about 100 MB.
-BLOCK = 1 << 20
+# Samples drawn at once: about 100 MB.
+BLOCK_SAMPLES = 1 << 20
 
 
 @dataclass(frozen=True)
 class LobeTable:
-    """J lobes, ready to be sampled by index.
+    """What sampling needs of J lobes.
 
     Attributes:
         model: index into `MODEL_NAMES`, `[J]`.
@@ -49,7 +49,7 @@ class LobeTable:
 
     @classmethod
     def build(cls, lobes: LobeBatch) -> LobeTable:
-        """The table of `lobes`, cut from any autograd graph."""
+        """The table of `lobes`, without their autograd graph."""
         frame = frame_from_normal(lobes.normal.detach(), lobes.angle.detach())
         return cls(lobes.model, lobes.kappa.detach(), frame)
 
@@ -58,12 +58,12 @@ class LobeTable:
         return LobeTable(self.model.to(device), self.kappa.to(device), self.frame.to(device))
 
     def sample(self, lobe: Tensor, wo: Tensor, u: Tensor) -> Tensor:
-        """Directions wi `[N, 3]` of the upper hemisphere, drawn from one lobe each.
+        """Directions wi `[N, 3]` of the upper hemisphere, each drawn from one lobe.
 
         Args:
-            lobe: `[N]` long.
+            lobe: lobe of each direction, `[N]` long.
             wo: view directions `[N, 3]`.
-            u: `[N, 3]` in [0, 1).
+            u: uniform numbers `[N, 3]` in [0, 1).
         """
         frame = self.frame.to(wo.dtype).index_select(0, lobe)  # [N, 3, 3]
         local_wo = _raised((frame @ wo[..., None])[..., 0])
@@ -75,7 +75,7 @@ class LobeTable:
         return torch.cat((wi[:, :2], wi[:, 2:].abs().clamp(min=LOWEST_Z)), dim=1)
 
     def pdf(self, lobe: Tensor, query: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-        """Density of `sample` at wi, in 1/sr; 0 where wi is under the texel's horizon.
+        """Density of `sample` at wi, in 1/sr; 0 where wi is under the horizon of the texel.
 
         Args:
             lobe, query: of each pair, `[N]` long.
@@ -96,7 +96,7 @@ class LobeTable:
         return rows.spread(parts)
 
     def sees(self, lobe: Tensor, wo: Tensor) -> Tensor:
-        """True where wo `[N, 3]` is above the horizons of the lobe `[N]` and the texel."""
+        """True `[N]` where wo `[N, 3]` is above the horizons of its lobe `[N]` and of the texel."""
         normal = self.frame[:, 2].to(wo.dtype).index_select(0, lobe)
         return ((normal * wo).sum(dim=-1) > 0.0) & (wo[:, 2] > 0.0)
 
@@ -115,9 +115,9 @@ def _density(model: int, kappa: Tensor, frame: Tensor, wi: Tensor, wo: Tensor) -
 
 
 def _raised(w: Tensor) -> Tensor:
-    """Views `[..., 3]` lifted above the horizon of their lobe, mirrored if need be.
+    """Unit views `[..., 3]` in the frame of a lobe, mirrored and lifted above its horizon.
 
-    Right at the horizon float32 has lost the half vector; the BRDFs are level there too.
+    At the horizon float32 cannot tell the half vector; BRDFs hardly change there.
     """
     x, y, z = w.unbind(-1)
     z = z.abs().clamp(min=COS_EPS)
@@ -126,7 +126,7 @@ def _raised(w: Tensor) -> Tensor:
 
 
 def specular_mask(lobes: LobeBatch, width: float = SPECULAR_WIDTH) -> Tensor:
-    """True `[J]` for the lobes of the specular group [WDR11 §5.1]: those narrower than `width`."""
+    """True `[J]` for specular lobes, those narrower than `width` [WDR11 §5.1]."""
     mask = torch.zeros(len(lobes), dtype=torch.bool, device=lobes.kappa.device)
     for model, rows in lobes.by_model():
         for column, row in enumerate(REGISTRY[model].parameters):
@@ -140,17 +140,20 @@ def specular_mask(lobes: LobeBatch, width: float = SPECULAR_WIDTH) -> Tensor:
 def lobe_intensity(lobes: LobeBatch, table: LobeTable, samples: int = INTENSITY_SAMPLES) -> Tensor:
     """Mean of each rho_j over light and view, `[J]` in 1/sr: the integral of [WDR11 Eq. 9].
 
-    The integrand is rho_j of Eq. 3, what is sampled for, rather than f_j: the cosine keeps grazing
-    light from ruling the average. Found by sampling the lobes with a fixed Sobol sequence.
+    The integrand is rho_j of Eq. 3 rather than f_j, because rho_j is what samples are drawn for;
+    its cosine keeps grazing light from ruling the mean. The directions are those of a fixed Sobol
+    sequence.
 
     Args:
+        lobes: J lobes.
+        table: of the same lobes.
         samples: directions of each lobe; a power of two fills space most evenly.
     """
-    # The points are the lower corners of their cells: half a cell further they are the middles.
+    # Sobol points are the lower corners of cells: half a cell more gives their centres.
     points = torch.quasirandom.SobolEngine(5).draw(samples).to(table.kappa) + 0.5 / samples
     wo, u = square_to_uniform_hemisphere(points[:, :2]), points[:, 2:]
     parts = []
-    for rows in torch.arange(len(lobes), device=wo.device).split(max(1, BLOCK // samples)):
+    for rows in torch.arange(len(lobes), device=wo.device).split(max(1, BLOCK_SAMPLES // samples)):
         lobe = rows.repeat_interleave(samples)
         view, choice = wo.repeat(len(rows), 1), u.repeat(len(rows), 1)
         wi = table.sample(lobe, view, choice)

@@ -1,4 +1,4 @@
-"""The content of a model file: named tensors in compact types, and what they make again.
+"""A model as the named tensors of its file, in compact types, and back.
 
 `docs/model_format.md` describes it for readers in other languages.
 """
@@ -23,14 +23,14 @@ PARTS = ("weights", "dictionary", "residual")
 
 @dataclass(frozen=True)
 class ModelParts:
-    """All that a model is made of.
+    """The parts of a model.
 
     Attributes:
-        height, width: of the texture.
+        height, width: texels of the texture, H and W.
         lobes: the dictionary, J lobes.
         weights: entries of all texels.
         labels: cluster of each texel, `[T]`.
-        residual: epsilon of each cluster.
+        residual: epsilon_k of each cluster.
         light, view: measured directions, `[L, 3]` and `[V, 3]`.
         name: of the material.
     """
@@ -47,7 +47,7 @@ class ModelParts:
 
 
 def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
-    """The tensors and the metadata of a model file."""
+    """The tensors of a model file by name, and its metadata."""
     offset, lobes = parts.weights.offset, parts.lobes
     names = stored_names(lobes.model)
     tensors = {
@@ -69,11 +69,11 @@ def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
 
 
 def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
-    """The parts that `to_tensors` was given; BRDFs are found by their names.
+    """The parts that `to_tensors` stored; BRDFs are found by name.
 
     Raises:
         KeyError: a tensor or a key of the metadata is missing.
-        ValueError: a BRDF that this program does not know, or a number that is none.
+        ValueError: a BRDF is not known, or a height or width is not a number.
     """
     lobes = LobeBatch(
         loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
@@ -99,7 +99,7 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
 
 def byte_counts(tensors: Tensors) -> dict[str, int]:
     """Stored bytes of weights, dictionary and residual."""
-    counts = dict.fromkeys(PARTS, 0)
+    counts: dict[str, int] = dict.fromkeys(PARTS, 0)
     for name, tensor in tensors.items():
         part = name.partition(".")[0]
         if part in counts:

@@ -1,7 +1,7 @@
-"""Bilinear lookups of a sparse texture: lobes of blocks of 2 x 2 texels, each lobe once.
+"""Bilinear lookup in a sparse texture, by blocks of 2 x 2 texels.
 
-Neighbouring texels share most of their lobes. A block lists the lobes of its four texels with the
-weights that each texel gives them, so that a query between the texels evaluates every lobe once.
+Neighbouring texels share most of their lobes. A block lists each lobe of its four texels once, with
+the weight that each texel gives it, so a query between the texels evaluates each lobe once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class SparseWeights:
     Attributes:
         offset: where each texel's entries start, `[T + 1]` long.
         index: lobe of each entry, `[N]` long.
-        weight: its weights, `[N, C]`.
+        weight: alpha of each entry, `[N, C]`.
     """
 
     offset: Tensor
@@ -34,13 +34,13 @@ class SparseWeights:
 
 @dataclass(frozen=True)
 class TexelBlocks:
-    """The blocks that some queries meet.
+    """The blocks in which some queries lie.
 
     Attributes:
         texel: the four texels of each block, `[B, 4]`.
         start, count: first entry and number of entries of each block, `[B]`.
-        lobe: of each entry, `[M]`.
-        weight: that the four texels give it, `[M, 4, C]`.
+        lobe: lobe of each entry, `[M]`.
+        weight: alpha of each entry in the four texels, `[M, 4, C]`.
     """
 
     texel: Tensor
@@ -55,7 +55,7 @@ class TexelBlocks:
 
         Args:
             texel: the four texels of each block, `[B, 4]`.
-            counts: whether a texel counts, `[B, 4]` bool; others are taken to have no lobes.
+            counts: whether a texel is needed, `[B, 4]` bool; the lobes of others are left out.
             weights: of the texture.
         """
         offset, index, weight = weights.offset, weights.index, weights.weight
@@ -76,14 +76,14 @@ class TexelBlocks:
         )
 
     def sums(
-        self, lobes: LobeBatch, block: Tensor, share: Tensor, wi: Tensor, wo: Tensor
+        self, lobes: LobeBatch, block: Tensor, bilinear: Tensor, wi: Tensor, wo: Tensor
     ) -> Tensor:
-        """The sums over lobes of Q queries, `[Q, C]` [WDR11 Eq. 2].
+        """The sum over lobes in Eq. 2 [WDR11] for Q queries, `[Q, C]`.
 
         Args:
             lobes: the dictionary.
             block: block of each query, `[Q]`.
-            share: bilinear weights of its four texels, `[Q, 4]`.
+            bilinear: weights of its four texels, `[Q, 4]`.
             wi, wo: directions, `[Q, 3]`.
         """
         start, count = (x.index_select(0, block) for x in (self.start, self.count))
@@ -93,13 +93,13 @@ class TexelBlocks:
         first = count.cumsum(0) - count
         rho = rho.to(table.dtype)
         sums = embedding_bag(entry, table, first, mode="sum", per_sample_weights=rho)  # [Q, 4 C]
-        return (sums.unflatten(1, (4, -1)) * share[..., None]).sum(dim=1)  # Eq. (2)
+        return (sums.unflatten(1, (4, -1)) * bilinear[..., None]).sum(dim=1)  # Eq. (2)
 
 
 def blocks_met(texel: Tensor, texels: int) -> tuple[Tensor, Tensor]:
-    """(block of each query `[Q]`, four texels of each block `[B, 4]`) of `texel [Q, 4]`.
+    """(block of each query `[Q]`, four texels of each block `[B, 4]`), given `texel [Q, 4]`.
 
-    A block is known by its first texel, of which there are `texels`.
+    The first texel tells blocks apart. The texture has `texels` of them.
     """
     first = texel[:, 0]
     met = torch.zeros(texels, dtype=torch.bool, device=texel.device)
@@ -111,7 +111,7 @@ def blocks_met(texel: Tensor, texels: int) -> tuple[Tensor, Tensor]:
 
 
 def _by_block_and_lobe(block: Tensor, lobe: Tensor, blocks: int) -> Tensor:
-    """Positions `[E]` that sort entries by `block [E]`, which ascends, and then by `lobe [E]`."""
+    """Positions `[E]` that sort entries by ascending `block [E]`, then by `lobe [E]`."""
     if not len(lobe):
         return block
     lobes = int(lobe.max()) + 1

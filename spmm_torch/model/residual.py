@@ -1,4 +1,4 @@
-"""The residual function of each cluster: storage, and evaluation between measured directions."""
+"""The residual function epsilon_k of each cluster: its storage and its interpolation."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from torch import Tensor, nn
 from ..geometry.hemisphere import HemisphereInterpolation
 
 FLOAT16_MAX = 65504.0  # largest finite half
-# Measured lights may lie on the horizon itself, where a cosine of 0 has no ratio to 0.
+# Least cosine of the lowest measured light, which cosines are divided by: it may be 0.
 LOWEST_COSINE = 1e-6
 
 
 class Residual(nn.Module):
     """One signed function per cluster on V x L measured pairs [WDR11 §4.1].
 
-    Values are kept as `code * scale`, where `code` fills the range of its type: float16 codes
-    then have 11 bits relative precision whatever the range of the data.
+    Values are stored as `code * scale`, where `code` fills the range of its type: float16 codes
+    then keep a relative precision of 11 bits whatever the range of the data.
 
     Args:
         code: `[K, V, L, C]`, float16 or float32.
         scale: `[K]` float32.
-        light: `[L, 3]`.
-        view: `[V, 3]`.
+        light, view: measured directions, `[L, 3]` and `[V, 3]`.
     """
 
     scale: Tensor
@@ -38,7 +37,7 @@ class Residual(nn.Module):
         self.lowest_light = max(float(light[:, 2].min()), LOWEST_COSINE)
 
     def with_codes(self, code: Tensor, scale: Tensor) -> Residual:
-        """Other values of any number of clusters on the same directions.
+        """The same directions with the values of other clusters.
 
         Args:
             code: `[K', V, L, C]`.
@@ -47,17 +46,17 @@ class Residual(nn.Module):
         return Residual(code, scale, self.light_mesh.directions, self.view_mesh.directions)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Residual:
-        """Moves the meshes with the module; their types stay."""
+        """Moves the meshes with the module, without a change of their dtype."""
         super()._apply(fn, recurse)
         self.light_mesh = self.light_mesh.to(self.code.device)
         self.view_mesh = self.view_mesh.to(self.code.device)
         return self
 
     def forward(self, cluster: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-        """The residual `[..., C]` of clusters `[...]` at wi, wo `[..., 3]`, piecewise linear.
+        """The residual `[..., C]` of clusters `[...]` at wi and wo `[..., 3]`, piecewise linear.
 
-        Measured pairs return their stored value. Lights below the lowest measured ring fade with
-        their cosine; 0 where wi or wo is under the horizon.
+        Measured pairs return their stored value. Lights below the lowest measured one fade with
+        their cosine. The residual is 0 where wi or wo is under the horizon.
         """
         shape = torch.broadcast_shapes(cluster.shape, wi.shape[:-1], wo.shape[:-1])
         wi, wo = (x.expand(*shape, 3).reshape(-1, 3) for x in (wi, wo))
@@ -65,24 +64,29 @@ class Residual(nn.Module):
         value = self.blend(cluster, torch.ones_like(cluster, dtype=wi.dtype), wi, wo)
         return value.view(*shape, -1)
 
-    def blend(self, cluster: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-        """Mixed residuals `[Q, C]`: of clusters `[Q, M]` by their shares `[Q, M]`; see `forward`.
+    def blend(self, cluster: Tensor, weight: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Weighted sums `[Q, C]` of the residuals of clusters `[Q, M]`; see `forward`.
 
-        Clusters that a query names more than once are looked up once.
+        A cluster that a query names more than once is looked up once.
+
+        Args:
+            cluster: `[Q, M]`.
+            weight: of each of them, `[Q, M]`.
+            wi, wo: directions `[Q, 3]`.
         """
-        pair, weight = self._pairs(wi, wo)  # [Q, 9]
-        query, column, part = _merged(cluster, share)  # [E]
+        pair, pair_weight = self._pairs(wi, wo)  # [Q, 9]
+        query, column, merged = _merged(cluster, weight)  # [E]
         cluster = cluster[query, column]
         table = self.code.flatten(1, 2)  # [K, V L, C]
         row = cluster[:, None] * table.shape[1] + pair.index_select(0, query)  # [E, 9]
         code = table.flatten(0, 1).index_select(0, row.flatten()).unflatten(0, row.shape)
-        part = part * self.scale.to(wi.dtype)[cluster]
-        mixed = weight.index_select(0, query) * part[:, None]
+        merged = merged * self.scale.to(wi.dtype)[cluster]
+        mixed = pair_weight.index_select(0, query) * merged[:, None]
         value = (code.to(wi.dtype) * mixed[..., None]).sum(dim=1)  # [E, C]
         return value.new_zeros(len(wi), value.shape[1]).index_add(0, query, value)
 
     def _pairs(self, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
-        """Measured pairs `[Q, 9]`, as view * L + light, and their weights `[Q, 9]`."""
+        """Measured pairs `[Q, 9]`, view * L + light, and their interpolation weights `[Q, 9]`."""
         light, light_weight = self.light_mesh.weights(wi)  # [Q, 3]
         view, view_weight = self.view_mesh.weights(wo)  # [Q, 3]
         fade = (wi[:, 2:] / self.lowest_light).clamp(0.0, 1.0) * (wo[:, 2:] > 0.0)
@@ -91,30 +95,30 @@ class Residual(nn.Module):
         return pair.flatten(1), weight.flatten(1)
 
 
-def _merged(cluster: Tensor, share: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """(query `[E]`, column `[E]`, share `[E]`) of clusters `[Q, M]`, each of a query once.
+def _merged(cluster: Tensor, weight: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """(query `[E]`, column `[E]`, weight `[E]`) of clusters `[Q, M]`, each cluster of a query once.
 
-    A column hands its share to the first one with the same cluster; what has no share is left out,
-    unless its slope is asked for.
+    The first column of a cluster gets the weight of the later ones. Columns of weight 0 are left
+    out, unless a gradient is needed.
     """
-    columns, shares = cluster.unbind(1), list(share.unbind(1))
+    columns, weights = cluster.unbind(1), list(weight.unbind(1))
     counts = []
     for later, column in enumerate(columns):
-        alone = torch.ones_like(share[:, 0])  # 0 once it is handed over
+        alone = torch.ones_like(weight[:, 0])  # 0 once an earlier column has the weight
         for earlier in range(later):
             taken = (column == columns[earlier]) * alone
-            shares[earlier] = shares[earlier] + taken * shares[later]
+            weights[earlier] = weights[earlier] + taken * weights[later]
             alone = alone - taken
         counts.append(alone > 0.0)
-    kept, whole = torch.stack(counts, dim=1), torch.stack(shares, dim=1)
-    if not share.requires_grad:
+    kept, whole = torch.stack(counts, dim=1), torch.stack(weights, dim=1)
+    if not weight.requires_grad:
         kept = kept & (whole != 0.0)
     query, column = torch.nonzero(kept, as_tuple=True)
     return query, column, whole[query, column]
 
 
 def encode_residual(values: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Codes and scales of residuals `[K, ...]` for storage as `dtype`.
+    """Residuals `[K, ...]` as codes of type `dtype` and one scale a cluster.
 
     Returns:
         (code `[K, ...]`, scale `[K]`), values ~ code * scale.
@@ -122,11 +126,11 @@ def encode_residual(values: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]
     if dtype == torch.float32:
         return values.float(), torch.ones(len(values), device=values.device)
     largest = values.flatten(1).abs().amax(1).clamp(min=torch.finfo(torch.float32).tiny)
-    # One unit below the top: rounding must not reach infinity.
+    # Half of the range: rounding must not reach infinity.
     scale = largest.float() / (0.5 * FLOAT16_MAX)
     return (values / scale.view(-1, *[1] * (values.dim() - 1))).to(dtype), scale
 
 
 def decode_residual(code: Tensor, scale: Tensor) -> Tensor:
-    """Values `[K, ...]` float32 of codes and scales."""
+    """Values `[K, ...]` float32 of codes `[K, ...]` and scales `[K]`."""
     return code.float() * scale.view(-1, *[1] * (code.dim() - 1))

@@ -1,8 +1,8 @@
 """Importance sampling of a texel's whole mixture of lobes [WDR11 §6].
 
-A texel has a specular group, from which lobe j is taken with probability gamma_j
-[WDR11 Eq. 8, 9], and one cosine lobe for everything else: the other lobes and the residual.
-Bilinear lookups mix the four texels by their shares. Lobes whose horizon hides wo are left out.
+A sample comes from the specular group of a texel, lobe j with probability gamma_j [WDR11 Eq. 8, 9],
+or from one cosine lobe, which stands for the other lobes and the residual. Bilinear lookups mix
+four texels by their weights. Lobes whose horizon hides wo are left out.
 """
 
 from __future__ import annotations
@@ -16,25 +16,26 @@ from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisp
 from ..lobes.batch import LobeBatch
 from ..lobes.sampling import LobeTable, lobe_intensity, specular_mask
 
-# The cosine lobe keeps at least this much of the samples: every direction can be reached, and what
-# the specular group misses is weighted by ten times its cosine-sampled weight at the most.
-MIN_COSINE_SHARE = 0.1
-CODE_MAX = 255  # probabilities are stored in one byte
-# (query, lobe) entries that are worked on at once: about 50 MB.
-BLOCK_ENTRIES = 1 << 18
+# Least probability of the cosine lobe: every direction can be sampled, with at most ten times the
+# weight that it would have from the cosine lobe alone.
+MIN_COSINE_PROBABILITY = 0.1
+CODE_MAX = 255  # largest code of a probability, which has one byte
+# (query, lobe) entries that are sampled at once: about 50 MB.
+SAMPLED_ENTRIES = 1 << 18
 
 
 @dataclass(frozen=True)
 class SamplingData:
-    """What is precomputed to sample T texels; probabilities are whole multiples of 1 / CODE_MAX.
+    """What sampling T texels needs; probabilities are whole multiples of 1 / CODE_MAX.
 
     Attributes:
         table: the dictionary's J lobes.
         offset: where each texel's specular entries start, `[T + 1]` int32.
         index: lobe of each specular entry, `[S]` int32.
-        gamma: probabilities within the texel [WDR11 Eq. 9], `[S]` uint8, in parts of their sum.
+        gamma: probability of each entry within its texel, relative to their sum, `[S]` uint8
+            [WDR11 Eq. 9].
         group: probability of the specular group of each texel, `[T]` uint8.
-        longest: most specular entries of a texel.
+        longest: largest number of specular entries of a texel.
     """
 
     table: LobeTable
@@ -48,12 +49,12 @@ class SamplingData:
     def build(
         cls, lobes: LobeBatch, offset: Tensor, index: Tensor, weight: Tensor, rest: Tensor
     ) -> SamplingData:
-        """Precomputes from a model's parts, which it does not change.
+        """What sampling needs of a model, which stays as it is.
 
         Args:
             lobes: the dictionary.
             offset, index, weight: entries of all texels: `[T + 1]`, `[N]`, `[N, C]`.
-            rest: intensity of what no lobe explains, `[T]`; see `residual_intensity`.
+            rest: intensity of the residual, `[T]`; see `residual_intensity`.
         """
         table = LobeTable.build(lobes)
         intensity = weight.detach().mean(dim=1).clamp(min=0.0)  # [N]
@@ -64,9 +65,10 @@ class SamplingData:
         zero = torch.zeros_like(rest)
         specular = zero.index_add(0, texel[kept], intensity[kept])
         other = rest.index_add(0, texel[~kept], intensity[~kept])
-        gamma = intensity[kept] / specular[texel[kept]]
+        gamma = intensity[kept] / specular[texel[kept]]  # Eq. (9)
         ratio = torch.where(specular > 0.0, specular / (specular + other), zero)
-        share = torch.ceil(CODE_MAX * ratio).clamp(max=int(CODE_MAX * (1.0 - MIN_COSINE_SHARE)))
+        most = int(CODE_MAX * (1.0 - MIN_COSINE_PROBABILITY))
+        group = torch.ceil(CODE_MAX * ratio).clamp(max=most)
         lengths = torch.zeros_like(offset).index_add(
             0, texel[kept] + 1, torch.ones_like(index[kept])
         )
@@ -75,61 +77,69 @@ class SamplingData:
             lengths.cumsum(0).int(),
             index[kept].int(),
             torch.ceil(CODE_MAX * gamma).clamp(max=CODE_MAX).to(torch.uint8),
-            share.to(torch.uint8),
+            group.to(torch.uint8),
             int(lengths.max()),
         )
 
     def bytes(self) -> int:
-        """Bytes beyond the model's own: gamma and group. The model tells all else at once."""
+        """Bytes of gamma and group; all else follows from the model."""
         return sum(part.numel() * part.element_size() for part in (self.gamma, self.group))
 
     def to(self, device: torch.device | str) -> SamplingData:
         """The same data on another device."""
-        parts = (self.offset, self.index, self.gamma, self.group)
         return SamplingData(
-            self.table.to(device), *(part.to(device) for part in parts), self.longest
+            self.table.to(device),
+            self.offset.to(device),
+            self.index.to(device),
+            self.gamma.to(device),
+            self.group.to(device),
+            self.longest,
         )
 
 
 def sample(
-    data: SamplingData, texel: Tensor, share: Tensor, wo: Tensor, u: Tensor
+    data: SamplingData, texel: Tensor, weight: Tensor, wo: Tensor, u: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Light directions for views of mixed texels.
+    """Light directions drawn from mixtures of texels [WDR11 §6].
 
     Args:
+        data: of the model.
         texel: texels of each query `[Q, M]`, long.
-        share: their shares `[Q, M]`, which sum to 1.
+        weight: of each of them, `[Q, M]`; they sum to 1.
         wo: unit view directions `[Q, 3]`.
-        u: `[Q, 3]` in [0, 1).
+        u: uniform numbers `[Q, 3]` in [0, 1).
 
     Returns:
-        (wi `[Q, 3]` in the upper hemisphere, its density `[Q]` as of `pdf`).
+        (wi `[Q, 3]` in the upper hemisphere, its density `[Q]`; see `pdf`).
     """
-    blocks = zip(*_split(data, texel, share, wo, u), strict=True)
+    blocks = zip(*_split(data, texel, weight, wo, u), strict=True)
     parts = [_sample_block(data, *block) for block in blocks]
     return torch.cat([wi for wi, _ in parts]), torch.cat([density for _, density in parts])
 
 
-def pdf(data: SamplingData, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-    """Density of `sample` at wi `[Q, 3]`, per solid angle: `[Q]`.
+def pdf(data: SamplingData, texel: Tensor, weight: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+    """Density of `sample` at wi `[Q, 3]`, in 1/sr: `[Q]`.
 
-    It integrates to 1 over the upper hemisphere, is above 0 all over it, and 0 under the horizon.
+    It integrates to 1 over the upper hemisphere, where it is above 0, and is 0 under the horizon.
+
+    Args:
+        data, texel, weight, wo: as in `sample`.
+        wi: unit light directions `[Q, 3]`.
     """
-    blocks = zip(*_split(data, texel, share, wo, wi), strict=True)
-    parts = [
-        _density(data, _mixture(data, texel, share, wo), wi, wo) for texel, share, wo, wi in blocks
-    ]
+    parts = []
+    for some, own, view, light in zip(*_split(data, texel, weight, wo, wi), strict=True):
+        parts.append(_density(data, _mixture(data, some, own, view), light, view))
     return torch.cat(parts)
 
 
 @dataclass(frozen=True)
 class _Mixture:
-    """Lobes that Q queries may be sampled from, in the order of the queries.
+    """Specular lobes and the cosine lobe of Q queries; entries are in the order of the queries.
 
     Attributes:
-        query: whom each entry belongs to, `[N]`.
-        lobe: `[N]` long.
-        mass: its probability, `[N]`.
+        query: query of each entry, `[N]`.
+        lobe: lobe of each entry, `[N]` long.
+        mass: probability of each entry, `[N]`.
         cosine: probability of the cosine lobe, `[Q]`.
     """
 
@@ -140,16 +150,16 @@ class _Mixture:
 
 
 def _split(data: SamplingData, texel: Tensor, *others: Tensor) -> list[tuple[Tensor, ...]]:
-    """Each tensor `[Q, ...]` in blocks of BLOCK_ENTRIES entries."""
-    size = max(1, BLOCK_ENTRIES // max(1, data.longest * texel.shape[1]))
+    """Each tensor `[Q, ...]` in blocks of SAMPLED_ENTRIES entries."""
+    size = max(1, SAMPLED_ENTRIES // max(1, data.longest * texel.shape[1]))
     return [part.split(size) for part in (texel, *others)]
 
 
-def _mixture(data: SamplingData, texel: Tensor, share: Tensor, wo: Tensor) -> _Mixture:
-    """The mixture that stands for each query: texel and share `[Q, M]`, wo `[Q, 3]`."""
-    flat, share = texel.flatten(), share.flatten().to(wo.dtype)  # [Q M]
+def _mixture(data: SamplingData, texel: Tensor, weight: Tensor, wo: Tensor) -> _Mixture:
+    """The mixture of each query: texel and weight `[Q, M]`, wo `[Q, 3]`."""
+    flat, weight = texel.flatten(), weight.flatten().to(wo.dtype)  # [Q M]
     start = data.offset[flat].long()
-    count = (data.offset[flat + 1] - start) * (share != 0.0)
+    count = (data.offset[flat + 1] - start) * (weight != 0.0)
     corner = torch.repeat_interleave(count)  # [N], position in `flat`
     first = torch.cumsum(count, 0) - count
     entry = torch.arange(len(corner), device=corner.device) + (start - first).index_select(
@@ -160,17 +170,17 @@ def _mixture(data: SamplingData, texel: Tensor, share: Tensor, wo: Tensor) -> _M
     seen = data.gamma.index_select(0, entry).to(wo.dtype) * data.table.sees(
         lobe, wo.index_select(0, query)
     )  # [N]
-    total = torch.zeros_like(share).index_add(0, corner, seen)  # [Q M]
-    group = share * (data.group[flat].to(wo.dtype) / CODE_MAX) * (total > 0.0)
+    total = torch.zeros_like(weight).index_add(0, corner, seen)  # [Q M]
+    group = weight * (data.group[flat].to(wo.dtype) / CODE_MAX) * (total > 0.0)
     mass = seen * (group / total.clamp(min=1.0)).index_select(0, corner)
     return _Mixture(query, lobe, mass, 1.0 - group.view(texel.shape).sum(dim=1))
 
 
 def _sample_block(
-    data: SamplingData, texel: Tensor, share: Tensor, wo: Tensor, u: Tensor
+    data: SamplingData, texel: Tensor, weight: Tensor, wo: Tensor, u: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """`sample` of Q queries."""
-    mixture = _mixture(data, texel, share, wo)
+    """`sample` of one block of queries."""
+    mixture = _mixture(data, texel, weight, wo)
     rows, entry, left = _pick(mixture, u[:, 0])
     wi = square_to_cosine_hemisphere(u[:, 1:])
     choice = torch.cat((left[:, None], u[rows, 1:]), dim=1)
@@ -179,12 +189,12 @@ def _sample_block(
 
 
 def _pick(mixture: _Mixture, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """The lobe that `u [Q]` chooses, for the queries where it is not the cosine lobe.
+    """The specular lobe that `u [Q]` chooses; none for queries that get the cosine lobe.
 
-    Sums run over all queries at once, so in float64, in which a block's are exact enough.
+    The cumulative sum runs over all queries, so it needs float64.
 
     Returns:
-        (rows `[R]` among the queries, entry `[R]`, what is left of u `[R]`, uniform in [0, 1)).
+        (queries `[R]` that get a specular lobe, its entry `[R]`, u `[R]` stretched to [0, 1)).
     """
     end = torch.searchsorted(mixture.query, torch.arange(len(u), device=u.device), right=True)
     reach = torch.cat((mixture.mass.new_zeros(1), mixture.mass)).double().cumsum(0)  # [N + 1]
@@ -198,14 +208,14 @@ def _pick(mixture: _Mixture, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def _density(data: SamplingData, mixture: _Mixture, wi: Tensor, wo: Tensor) -> Tensor:
-    """`pdf` of Q queries, wi and wo `[Q, 3]`."""
+    """`pdf` of Q queries `[Q]`, given their mixture, wi and wo `[Q, 3]`."""
     density = mixture.mass * data.table.pdf(mixture.lobe, mixture.query, wi, wo)
     cosine = mixture.cosine * square_to_cosine_hemisphere_pdf(wi)
     return cosine.index_add(0, mixture.query, density)
 
 
 def residual_intensity(code: Tensor, scale: Tensor) -> Tensor:
-    """Mean size of each cluster's residual over measured pairs and channels, `[K]` in 1/sr.
+    """Mean |epsilon_k| over measured pairs and channels, `[K]` in 1/sr.
 
     Args:
         code: `[K, V, L, C]`.

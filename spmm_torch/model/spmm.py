@@ -18,22 +18,22 @@ from . import file, sampling
 from .lookup import SparseWeights, TexelBlocks, blocks_met
 from .residual import Residual
 
-# (query, lobe) entries that are evaluated at once: some MB, which stay in the caches of a CPU.
-BLOCK_ENTRIES = 1 << 18
+# (query, lobe) entries that are evaluated at once: some MB, which the caches of a CPU hold.
+EVALUATED_ENTRIES = 1 << 18
 
 
 class SPMM(nn.Module):
     """T = H x W texels, each a short non-negative sum of J shared lobes, plus a cluster residual.
 
-    s_x(wi, wo) = sum_j alpha_j rho_j(wi, wo) + epsilon_k(wi, wo) [WDR11 Eq. 2]. All of alpha,
-    kappa, normals and epsilon are parameters; only epsilon starts without gradient.
+    s_x(wi, wo) = sum_j alpha_j rho_j(wi, wo) + epsilon_k(wi, wo) [WDR11 Eq. 2]. alpha, kappa,
+    normals, angles and epsilon are parameters of the module; epsilon starts without gradient.
 
     Args:
-        height, width: of the texture.
+        height, width: texels of the texture, H and W.
         lobes: the dictionary, J lobes.
         weights: entries of all texels.
         labels: cluster of each texel, `[T]`.
-        residual: epsilon of each cluster.
+        residual: epsilon_k of each cluster.
         light, view: measured directions `[L, 3]`, `[V, 3]`.
         name: of the material.
     """
@@ -77,15 +77,15 @@ class SPMM(nn.Module):
         """The model of a run folder, or of a `model.safetensors` file.
 
         Raises:
-            OutputError: nothing there, or not a model of a version this program reads.
+            OutputError: there is no model, or not one of a version that this program reads.
         """
         tensors, metadata = tensor_file.read(run, device)
         try:
             return cls.from_tensors(tensors, metadata)
         except (KeyError, ValueError) as error:
             raise OutputError(
-                f"{run} lacks a part of the model or names an unknown BRDF ({error}); make it anew "
-                f"with spmm fit."
+                f"{run} lacks a part of the model or names an unknown BRDF ({error}); expected a "
+                f"model of spmm fit; fit it again."
             ) from error
 
     def pack(self) -> bytes:
@@ -93,15 +93,31 @@ class SPMM(nn.Module):
         return tensor_file.pack(*self.to_tensors())
 
     def to_tensors(self) -> tuple[dict[str, Tensor], dict[str, str]]:
-        """Everything that a reader needs, in compact types: (tensors, metadata)."""
-        size = (self.height, self.width)
-        measured = (self.labels, self.residual, self.light, self.view, self.name)
-        parts = file.ModelParts(*size, self.dictionary, self.sparse_weights, *measured)
+        """Tensors of a model file by name, and its metadata; see `file.to_tensors`.
+
+        Shapes are those of the module: `weights.index [N]`, `dictionary.normal [J, 3]` and others.
+        """
+        parts = file.ModelParts(
+            self.height,
+            self.width,
+            self.dictionary,
+            self.sparse_weights,
+            self.labels,
+            self.residual,
+            self.light,
+            self.view,
+            self.name,
+        )
         return file.to_tensors(parts)
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor], metadata: dict[str, str]) -> SPMM:
-        """The model of `to_tensors`; BRDFs are found by their names."""
+        """The model of tensors and metadata; see `SPMM.to_tensors`.
+
+        Raises:
+            KeyError: a tensor or a key of the metadata is missing.
+            ValueError: a BRDF is not known, or a height or width is not a number.
+        """
         return cls(**vars(file.from_tensors(tensors, metadata)))
 
     def byte_counts(self) -> dict[str, int]:
@@ -115,12 +131,12 @@ class SPMM(nn.Module):
 
     @property
     def cluster_count(self) -> int:
-        """K."""
+        """Number of clusters, K."""
         return len(self.residual.code)
 
     @property
     def texel_count(self) -> int:
-        """T."""
+        """Number of texels, T."""
         return self.height * self.width
 
     @property
@@ -132,10 +148,9 @@ class SPMM(nn.Module):
     def forward(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
         """Cosine-weighted reflectance [WDR11 Eq. 2].
 
-        Texels are interpolated bilinearly and the texture repeats; texel centres return the
-        texel itself. Lobes are analytic, so any directions may be asked for; the residual is
-        interpolated between the measured ones, and being signed it can bring a value a little
-        below zero.
+        Texels are interpolated bilinearly, and the texture repeats; a texel centre returns its
+        texel. Lobes are analytic, so directions need not be measured ones; the residual is
+        interpolated between those. The residual is signed, so values a little below 0 occur.
 
         Args:
             uv: texture coordinates `[..., 2]`, u right, v up.
@@ -147,22 +162,22 @@ class SPMM(nn.Module):
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
-        texel, share = texel_at(uv, self.height, self.width)  # [Q, 4]
+        texel, bilinear = texel_at(uv, self.height, self.width)  # [Q, 4]
         block, corners = blocks_met(texel, self.texel_count)
         counts = torch.ones_like(corners, dtype=torch.bool)
-        if not share.requires_grad:  # the slope along uv needs neighbours of no share too
-            counts = share.new_zeros(corners.shape).index_add(0, block, share) > 0.0
+        if not bilinear.requires_grad:  # its gradient needs texels of weight 0 too
+            counts = bilinear.new_zeros(corners.shape).index_add(0, block, bilinear) > 0.0
         weight = self.weight.to(torch.promote_types(self.weight.dtype, wi.dtype))
         entries = SparseWeights(self.offset, self.index, weight)
         blocks = TexelBlocks.build(corners, counts, entries)
         total = max(1, int(blocks.count[block].sum()))
-        size = max(1, len(texel) * BLOCK_ENTRIES // total)
-        # Block by block, so that neighbours in memory read the same entries.
+        size = max(1, len(texel) * EVALUATED_ENTRIES // total)
+        # Sorted by block, so that neighbours in memory read the same entries.
         order = stable_order(block, len(corners))
-        queries = (x.index_select(0, order) for x in (block, share, wi, wo))
+        queries = (x.index_select(0, order).split(size) for x in (block, bilinear, wi, wo))
         parts = [
-            self._forward_block(blocks, *part, residual)
-            for part in zip(*(x.split(size) for x in queries), strict=True)
+            self._forward_part(blocks, *part, residual=residual)
+            for part in zip(*queries, strict=True)
         ]
         value = torch.cat(parts)
         value = torch.empty_like(value).index_copy(0, order, value)
@@ -170,7 +185,7 @@ class SPMM(nn.Module):
 
     @full_precision()
     def sample(self, uv: Tensor, wo: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Light directions sampled by importance [WDR11 §6].
+        """Light directions drawn by importance [WDR11 §6].
 
         Args:
             uv: texture coordinates `[..., 2]`.
@@ -178,32 +193,37 @@ class SPMM(nn.Module):
             u: uniform numbers `[..., 3]` in [0, 1).
 
         Returns:
-            (wi `[..., 3]`, rgb = model(uv, wi, wo) `[..., C]`, pdf per solid angle `[...]`).
+            (wi `[..., 3]`, rgb = model(uv, wi, wo) `[..., C]`, pdf in 1/sr `[...]`).
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
         uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
-        texel, share = texel_at(uv, self.height, self.width)
+        texel, bilinear = texel_at(uv, self.height, self.width)
         with torch.no_grad():
-            wi, density = sampling.sample(self.sampling_data(), texel, share, wo, u)
+            wi, density = sampling.sample(self.sampling_data(), texel, bilinear, wo, u)
         rgb = self(uv, wi, wo)
         return wi.view(*shape, 3), rgb.view(*shape, -1), density.view(shape)
 
     @full_precision()
     @torch.no_grad()
     def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
-        """The density of `sample` at wi, per solid angle: `[...]`; above 0 over the horizon."""
+        """Density `[...]` of `sample` at wi, in 1/sr; above 0 over the horizon.
+
+        Args:
+            uv: texture coordinates `[..., 2]`.
+            wi, wo: unit light and view directions `[..., 3]`.
+        """
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
-        texel, share = texel_at(uv, self.height, self.width)
-        return sampling.pdf(self.sampling_data(), texel, share, wi, wo).view(shape)
+        texel, bilinear = texel_at(uv, self.height, self.width)
+        return sampling.pdf(self.sampling_data(), texel, bilinear, wi, wo).view(shape)
 
     @torch.no_grad()
     def sampling_data(self, renew: bool = False) -> sampling.SamplingData:
-        """What importance sampling needs, made at first use and kept.
+        """What importance sampling needs, computed at first use and kept.
 
         Args:
-            renew: make it anew, as is wise once parameters have changed much; it stays valid
-                whatever they are, but fits them less.
+            renew: whether to compute it again. Samples stay unbiased without, but get noisier as
+                the parameters of the module change.
         """
         kept = self._sampling
         if renew or kept is None or kept.gamma.device != self.weight.device:
@@ -214,25 +234,26 @@ class SPMM(nn.Module):
             self._sampling = kept
         return kept
 
-    def _forward_block(
+    def _forward_part(
         self,
         blocks: TexelBlocks,
         block: Tensor,
-        share: Tensor,
+        bilinear: Tensor,
         wi: Tensor,
         wo: Tensor,
+        *,
         residual: bool,
     ) -> Tensor:
-        """`forward` of Q queries: block `[Q]`, share `[Q, 4]`, wi and wo `[Q, 3]`."""
-        total = blocks.sums(self.dictionary, block, share, wi, wo)
+        """`forward` of some queries: block `[Q]`, bilinear `[Q, 4]`, wi and wo `[Q, 3]`."""
+        total = blocks.sums(self.dictionary, block, bilinear, wi, wo)
         if residual:
             cluster = self.labels[blocks.texel[block]]
-            total = total + self.residual.blend(cluster, share, wi, wo)
+            total = total + self.residual.blend(cluster, bilinear, wi, wo)  # Eq. (2)
         return total
 
     @full_precision()
     def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
-        """Every texel under one light and view `[3]`: `[H, W, C]`, row 0 at the top."""
+        """Values `[H, W, C]` of all texels under one wi `[3]` and wo `[3]`, row 0 at the top."""
         rho = self.dictionary.eval(wi[None, None], wo[None, None]).squeeze(1)  # [J]
         value = self.weight * rho[self.index, None]  # [N, C]
         texel = torch.repeat_interleave(self.lobe_count_per_texel())
@@ -244,11 +265,11 @@ class SPMM(nn.Module):
         return total.view(self.height, self.width, -1)
 
     def lobe_count_per_texel(self) -> Tensor:
-        """Lobes of each texel, `[T]`."""
+        """Number of lobes of each texel, `[T]`."""
         return self.offset[1:] - self.offset[:-1]
 
     def lobe_use_by_model(self) -> dict[str, int]:
-        """How many (texel, lobe) entries use each BRDF that is in use, most used first."""
+        """Number of (texel, lobe) entries of each BRDF in use, the most used first."""
         uses = torch.bincount(self.lobe_model[self.index], minlength=len(MODEL_NAMES)).tolist()
         ordered = sorted(zip(MODEL_NAMES, uses, strict=True), key=lambda use: -use[1])
         return {name: count for name, count in ordered if count}

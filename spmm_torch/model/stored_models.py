@@ -1,8 +1,8 @@
-"""Which BRDFs a model file names, and how many of their parameters it keeps.
+"""Which BRDFs a model file names, and how many columns of kappa it stores.
 
-Readers of format 1 know the first eight. A file names those and goes on to the last one in use, so
-a model that is added to the registry changes no file that does not use it, and such a file can be
-read by programs that do not know it.
+A file names the first eight, which every reader of format 1 knows, and then those up to the last
+one in use. A BRDF that is added to the registry thus changes no file that does not use it, and
+older programs still read such a file.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ FORMAT_1_MODELS = 8
 
 
 def stored_names(model: Tensor) -> tuple[str, ...]:
-    """Names of the BRDFs that a file lists, given those of its lobes `model [J]`."""
+    """Names of the BRDFs that a file lists, given the models of its lobes `[J]`."""
     used = int(model.max()) + 1 if len(model) else 0
     return MODEL_NAMES[: max(FORMAT_1_MODELS, used)]
 
 
 def stored_kappa(kappa: Tensor, names: tuple[str, ...]) -> Tensor:
-    """The columns `[J, P]` of kappa `[J, MAX_PARAMETERS]` that the BRDFs of a file have."""
+    """The columns `[J, P]` of kappa `[J, MAX_PARAMETERS]` that the BRDFs `names` need."""
     return kappa[:, : max(len(brdf.parameters) for brdf in REGISTRY[: len(names)])]
 
 
 def loaded_kappa(kappa: Tensor) -> Tensor:
-    """Kappa `[J, MAX_PARAMETERS]` of the columns `[J, P]` of a file."""
+    """The columns `[J, P]` of a file, padded to `[J, MAX_PARAMETERS]` with zeros."""
     return pad(kappa, (0, MAX_PARAMETERS - kappa.shape[1]))
 
 
 def loaded_models(model: Tensor, names: list[str]) -> Tensor:
-    """Indices `[J]` into `MODEL_NAMES` of indices `model [J]` into the names of a file.
+    """Indices `[J]` into `MODEL_NAMES`, given indices `model [J]` into the names of a file.
 
     Raises:
-        ValueError: a lobe uses a BRDF that is not known, or has no name.
+        ValueError: the BRDF of a lobe is not known or has no name.
     """
     model = model.long()
     for index in torch.unique(model).tolist():

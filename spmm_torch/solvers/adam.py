@@ -1,4 +1,4 @@
-"""Batched projected Adam that keeps the best point of every row.
+"""Batched projected Adam, which keeps the best point of every row.
 
 References:
     [KB15] Diederik P. Kingma, Jimmy Ba, Adam: A Method for Stochastic Optimization, International
@@ -13,8 +13,8 @@ from torch import Tensor
 from .lbfgs import Objective, OptimizeResult, Projection
 from .status import worst_status
 
-FIRST_DECAY, SECOND_DECAY = 0.9, 0.999  # [KB15 §2], their defaults
-# [KB15 §2] has 1e-8 for gradients near 1; smaller, so that the units of a value do not matter.
+FIRST_DECAY, SECOND_DECAY = 0.9, 0.999  # defaults of [KB15 §2]
+# [KB15 §2] has 1e-8 for gradients near 1. This is smaller, so the units of a value do not matter.
 EPSILON = 1e-12
 
 
@@ -33,7 +33,7 @@ def minimize_adam(
         start: `[R, P]`; projected first.
         project: projection on the feasible set, row by row.
         steps: gradient steps; the objective is called once more.
-        learning_rate: step length in units of x, one number or anything that broadcasts against
+        learning_rate: step length in units of x, a number or a tensor that broadcasts with
             `[R, P]`.
 
     Returns:

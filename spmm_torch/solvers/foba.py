@@ -38,8 +38,8 @@ class Selection:
         index: atoms in the order of selection, `[T, M]` long, -1 for padding.
         weights: `[T, M, C]`, non-negative, zero for padding.
         error: ||y - D x||^2 of all channels, `[T]`.
-        status: `[T]` int8. CONVERGED: no further atom is worth it. LIMIT: of atoms, or of rounds.
-            NOT_FINITE: of a correlation or an error; the atoms before that stay.
+        status: `[T]` int8. CONVERGED: no further atom decreases the error enough. LIMIT: of atoms,
+            or of rounds. NOT_FINITE: of a correlation or an error; the atoms before that stay.
         nnls_status: of the refit that gave the weights, `[T, C]` int8.
     """
 
@@ -52,7 +52,7 @@ class Selection:
 
 @dataclass(frozen=True)
 class _Texels:
-    """Inputs, channels first, and the stopping rule; T' of the T texels are at work."""
+    """Inputs, channels first, and the stopping rule; T' of the T texels still run."""
 
     gram: Tensor  # [J, J]
     correlation: Tensor  # [T, C, J]
@@ -62,11 +62,11 @@ class _Texels:
     rows: Tensor  # [T'], indices of texels
 
     def take(self, rows: Tensor) -> _Texels:
-        """Some of those at work, by their places `rows` among the T'."""
+        """Some of the texels that still run, by their positions `rows` among the T'."""
         return replace(self, rows=self.rows[rows])
 
     def least_gain(self, error: Tensor) -> Tensor:
-        """Smallest decrease worth an atom `[T']`, given the error `[T']` without it."""
+        """Least decrease `[T']` for which an atom enters, given the error `[T']` without it."""
         gain = self.min_gain
         gain = gain[self.rows] if isinstance(gain, Tensor) else gain
         return torch.maximum(gain * error, self.floor * self.energy[self.rows])
@@ -111,7 +111,7 @@ class _Support:
         return int((self.index >= 0).sum(1).max()) if self.index.numel() else 0
 
 
-def select_corrective(
+def select_foba(
     gram: Tensor,
     correlation: Tensor,
     energy: Tensor,
@@ -120,7 +120,7 @@ def select_corrective(
     min_gain: float | Tensor,
     floor: float = LEAST_DECREASE,
 ) -> Selection:
-    """Chooses up to `max_lobes` atoms a texel, shared by its channels, and their weights [Zha11].
+    """Chooses up to `max_lobes` atoms for each texel, shared by its channels [Zha11].
 
     Forward: the atom of largest guaranteed decrease sum_c max(g_jc, 0)^2 / G_jj enters, where
     g = D^T (y - D x), and all channels are refit by NNLS. A texel stops when the decrease of its
@@ -133,7 +133,7 @@ def select_corrective(
         correlation: D^T y `[T, J, C]`.
         energy: ||y||^2 of all channels, `[T]`.
         max_lobes: most atoms of one texel, M; None: any number, M is the largest that occurs.
-        min_gain: least relative decrease of the error that is worth one atom, in [0, 1]; `[T]`
+        min_gain: least relative decrease of the error for which an atom enters, in [0, 1]; `[T]`
             float64 where it varies.
         floor: least decrease relative to the energy.
 
@@ -184,7 +184,7 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
         status[texels.rows] = torch.where(finite, Status.CONVERGED, Status.NOT_FINITE).to(status)
         kept = ((best > 0) & (gain > texels.least_gain(current.error))).nonzero()[:, 0]
         texels, trial = texels.take(kept), trial.take(kept)
-        dead = (trial.weights == 0).all(1)  # [T', m]: atoms that the refit made useless
+        dead = (trial.weights == 0).all(1)  # [T', m]: atoms without weight after the refit
         trial.index.masked_fill_(dead, -1)
         support.put(texels.rows, trial)
         if support.index.shape[1] == slots:
@@ -271,7 +271,7 @@ def _eliminate_backward(texels: _Texels, support: _Support) -> None:
 
 
 def _raise_bound(gram: Tensor, current: _Support) -> Tensor:
-    """Lower bound of the rise of the error when an atom is removed, `[T, M]`.
+    """Lower bound of the raise of the error when an atom is removed, `[T, M]`.
 
     At an optimum x, any feasible x' has f(x') - f(x) >= (x' - x)^T G (x' - x), whose least value
     with x'_i = 0 is x_i^2 / (G^-1)_ii over the support.

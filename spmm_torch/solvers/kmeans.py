@@ -19,7 +19,7 @@ from torch import Tensor
 from ..errors import ConfigError, DataError
 from .status import Status
 
-# Doubles in one block of point-to-centre distances (32 MiB): bounds memory for any N.
+# float64 distances in one block (32 MiB): bounds the memory for any N.
 BLOCK_ELEMENTS = 2**22
 
 
@@ -55,20 +55,20 @@ def kmeans(
 
     Args:
         points: `[N, P]`, finite, N >= 1.
-        k: clusters wanted; with fewer distinct points there are as many clusters as those.
+        k: number of clusters; fewer distinct points give one cluster each.
         generator: CPU generator, the only source of randomness.
-        iterations: most iterations of Lloyd's algorithm; they end when the labels stop changing.
-        candidates: candidates tried for each centre; default 2 + log k as in scikit-learn.
-        resolution: uncertainty of each point, `[N]`; nearer to a centre than this it counts as a
-            copy of it. Default: 0, points are exact.
+        iterations: most iterations of Lloyd; they end when the labels stop changing.
+        candidates: candidates for each centre; default 2 + log k as in scikit-learn.
+        resolution: uncertainty of each point, `[N]`: a point closer to a centre than this counts
+            as a copy of it. Default: 0.
         weights: of the points in the objective and in the means, `[N]`, positive. Default: 1.
 
     Returns:
         Labels, centres in the dtype of `points`, the objective and the status.
 
     Raises:
-        ConfigError: if k is not positive.
-        DataError: if there are no points or they are not finite.
+        ConfigError: k is not positive.
+        DataError: there are no points, or some are not finite.
     """
     if k < 1:
         raise ConfigError(f"k-means was asked for {k} clusters; ask for at least 1.")
@@ -78,14 +78,14 @@ def kmeans(
     if not bool(points.isfinite().all()):
         raise DataError("k-means got points that are NaN or infinite; give finite values.")
     tries = 2 + int(math.log(k)) if candidates is None else candidates
-    # Double precision: |x - c|^2 is expanded below, which cancels for close centres.
+    # float64, because the expansion of |x - c|^2 below cancels for close centres.
     shifted = points.double() - points.double().mean(0)  # [N, P]
     weight = None if weights is None else weights.to(shifted)
     blur = points.new_zeros(len(points)) if resolution is None else resolution
     centers, remaining = _seed(shifted, k, tries, generator, blur.double().square(), weight)
     if remaining > 0:
         labels, status = _lloyd(shifted, centers, iterations, weight)
-    else:  # every distinct point is a centre: there is nothing to improve
+    else:  # every distinct point is a centre
         labels, status = _assign_exactly(shifted, centers), Status.CONVERGED
     centers = _means(shifted, labels, centers.shape[0], weight)
     errors = (shifted - centers[labels]).square().sum(1)
@@ -134,7 +134,7 @@ def _seed(
 
 
 def _squared_distance(points: Tensor, centers: Tensor) -> Tensor:
-    """`[N, K]` by differences: slower than `_assign`, exactly zero between equal points."""
+    """Squared distances `[N, K]` by differences: slow, but exactly zero between equal points."""
     mode = "donot_use_mm_for_euclid_dist"
     return torch.cdist(points, centers, compute_mode=mode).square()
 
@@ -179,7 +179,7 @@ def _fill_empty(points: Tensor, labels: Tensor, distance: Tensor, k: int) -> Ten
     size = torch.bincount(labels, minlength=k)  # [K]
     labels, distance = labels.clone(), distance.clone()
     for empty in (size == 0).nonzero()[:, 0].tolist():
-        # A point alone in its cluster stays, or that cluster would be the next empty one.
+        # A point alone in its cluster stays, or its cluster would be empty.
         movable = torch.where(size[labels] > 1, distance, -1.0)
         farthest = movable.argmax()
         size[labels[farthest]] -= 1
@@ -191,7 +191,7 @@ def _fill_empty(points: Tensor, labels: Tensor, distance: Tensor, k: int) -> Ten
 
 
 def _means(points: Tensor, labels: Tensor, k: int, weight: Tensor | None) -> Tensor:
-    """Mean of each cluster `[K, P]`, by matrix products: repeatable on a GPU, unlike scatter."""
+    """Mean of each cluster `[K, P]`, by matrix products: deterministic on a GPU, unlike scatter."""
     total = points.new_zeros(k, points.shape[1])
     size = torch.bincount(labels, weight, minlength=k)  # [K]
     cluster = torch.arange(k, device=points.device)[:, None]  # [K, 1]

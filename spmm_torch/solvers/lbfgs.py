@@ -1,9 +1,8 @@
 """Batched projected L-BFGS: every row is a problem of its own.
 
 `torch.optim.LBFGS` flattens all rows into one vector with one history and one line search. Here
-each row has its own history, step length and end, so that neither the batch nor a bad row changes
-another. One call of the objective serves all rows: a row that accepts its trial takes a new
-direction while another still shortens its step.
+each row has its own history, step length and end, so rows do not affect each other. One call of the
+objective serves all rows: one row may take a new direction while another shortens its step.
 
 References:
     [NW06] Jorge Nocedal, Stephen J. Wright, Numerical Optimization, 2nd edition, Springer, 2006,
@@ -30,11 +29,11 @@ Projection = Callable[[Tensor], Tensor]
 
 # Armijo's sufficient decrease [NW06 §3.1].
 SUFFICIENT_DECREASE = 1e-4
-# A shortened step stays in this range of the last one, whatever the parabola says [NW06 §3.5].
+# Bounds of a shortened step relative to the last one [NW06 §3.5].
 SHORTEST, LONGEST = 0.1, 0.5
-# A pair with less curvature than this, relative to |s| |y|, would spoil the metric.
+# Least curvature of a pair relative to |s| |y|: less would spoil the metric.
 LEAST_CURVATURE = 1e-8
-# Length of the probe that finds the directions the constraints leave free.
+# Length of the probe step that finds the directions that the constraints leave free.
 PROBE_LENGTH = 1e-4
 # Relative change of the value that counts as rounding, in units of the dtype's epsilon.
 ROUNDING_UNITS = 10.0
@@ -59,7 +58,7 @@ class OptimizeResult:
 
 @dataclass
 class _State:
-    """Accepted points, and the trial of each row."""
+    """Accepted point and trial step of each row."""
 
     x: Tensor  # [R, P]
     value: Tensor  # [R]
@@ -88,10 +87,10 @@ def minimize_lbfgs(
 ) -> OptimizeResult:
     """Minimizes R independent functions over a convex set, each row on its own.
 
-    A trial that is NaN or infinite is a step too long and is shortened. A row whose start, or
-    whose every trial, is NaN or infinite stays at its best point and ends NOT_FINITE. A row whose
-    first line search finds no lower value ends NO_DESCENT; where a later one finds none, what is
-    left is rounding, and the row has CONVERGED.
+    A trial that is NaN or infinite is shortened. A row whose start or whose trials are all NaN or
+    infinite stays at its best point and ends NOT_FINITE. A row whose first line search finds no
+    lower value ends NO_DESCENT. If a later one finds none, the rest is rounding and the row has
+    CONVERGED.
 
     Args:
         objective: maps `[R, P]` to values `[R]` and gradients `[R, P]`; row r depends on row r of
@@ -159,7 +158,7 @@ def _accept(
     running: Tensor,
     value_tolerance: float,
 ) -> Tensor:
-    """Takes the trials of sufficient decrease, in place, with their curvature pairs; `[R]`."""
+    """Accepts trials of sufficient decrease and their curvature pairs, in place; `[R]` bool."""
     finite = value.isfinite() & grad.isfinite().all(-1)
     step = trial - state.x  # [R, P]
     expected = (state.grad * step).sum(-1)  # [R], negative along a descent
@@ -184,12 +183,11 @@ def _accept(
 def _shorten(
     state: _State, trial: Tensor, value: Tensor, rejected: Tensor, backtracks: int
 ) -> Tensor:
-    """Shortens rejected steps, in place, by the parabola through the value, the directional
-    derivative and the trial value.
+    """Shortens rejected steps, in place, by a parabola through value, derivative and trial value.
 
-    Returns the rows `[R]` that have used up their shortenings. Their history is dropped. A row
-    without history has tried the steepest descent already: it ends, failed if its last trial was
-    NaN or infinite.
+    Returns True `[R]` for rows that have used up their shortenings. Their history is dropped. A row
+    without history has tried the steepest descent: it ends, as failed if its last trial was NaN or
+    infinite.
     """
     expected = (state.grad * (trial - state.x)).sum(-1)  # [R]
     excess = value - state.value - expected
@@ -209,11 +207,11 @@ def _shorten(
 def _new_direction(
     state: _State, project: Projection, renewed: Tensor, first_step: float, tolerance: float
 ) -> None:
-    """Search direction and first length of the renewed rows, in place; ends optimal rows."""
+    """Sets direction and first step of the renewed rows, in place; ends rows at an optimum."""
     descent = _feasible(state.x, -state.grad, project)  # [R, P], projected gradient
     largest = descent.abs().amax(-1)  # [R]
     state.converged |= renewed & (largest <= tolerance * state.value.abs().clamp_min(1))
-    # A bound holds a coordinate whose gradient the projection removes altogether [Ber82].
+    # A bound holds each coordinate whose gradient the projection removes [Ber82].
     free = ((descent != 0) | (state.grad == 0)).to(descent.dtype)  # [R, P]
     newton = free * _two_loop(state.steps * free[:, None], state.changes * free[:, None], descent)
     newton = _feasible(state.x, newton, project)
@@ -230,12 +228,12 @@ def _new_direction(
 
 
 def _feasible(x: Tensor, direction: Tensor, project: Projection) -> Tensor:
-    """Part of a direction `[R, P]` that the constraints let pass: its tangent-cone projection."""
+    """Projection of a direction `[R, P]` on the tangent cone of the constraints."""
     tiny = torch.finfo(x.dtype).tiny
     scale = PROBE_LENGTH / direction.norm(dim=-1, keepdim=True).clamp_min(tiny)  # [R, 1]
     probe = x + scale * direction
     projected = project(probe)
-    # Where the projection moved nothing the direction itself is exact, free of cancellation.
+    # Where the projection changes nothing, the direction itself is free of cancellation.
     return torch.where(projected == probe, direction, (projected - x) / scale)
 
 

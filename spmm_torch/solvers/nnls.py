@@ -1,8 +1,8 @@
 """Batched non-negative least squares in Gram form.
 
 Solves argmin_{x >= 0} 1/2 x^T G x - b^T x, with G = D^T D and b = D^T y, for many small problems
-at once. Two stages, both exact: block principal pivoting [PJV94] with the exchange rule of [KP11],
-which settles nearly every problem in a few rounds, then the active set of [LH74] for the rest.
+at once. Both stages are exact: block principal pivoting [PJV94] with the exchange rule of [KP11]
+solves nearly every problem in a few rounds, the active set of [LH74] solves the rest.
 
 The dual is w = b - G x, minus the gradient, as in [LH74]. A minimizer has w <= 0, and w = 0 where
 x > 0.
@@ -26,17 +26,17 @@ from torch import Tensor
 
 from .status import STATUS_DTYPE, Status
 
-# Added to the unit diagonal: keeps duplicated atoms solvable, biases a well-posed x by 1e-12.
+# Ridge on the unit diagonal: makes duplicated atoms solvable, biases a well-posed x by 1e-12.
 RIDGE = 1e-12
-# A Gram rounded to float32 can be indefinite by 1e-7; a failed factorization multiplies its ridge.
+# Factor of the ridge after a failed factorization: a float32 Gram can be indefinite by 1e-7.
 RIDGE_GROWTH = 10.0
 RIDGE_LIMIT = 1e-2
 # Optimality slack, relative to the largest |b_j| / |d_j|; well above float64 rounding of G x.
 OPTIMALITY_TOLERANCE = 1e-11
-# Full exchanges without progress before a problem is handed to the active set [KP11 §3, alpha].
+# Full exchanges without progress before the active set takes over [KP11 §3, alpha].
 PIVOT_PATIENCE = 3
 PIVOT_ROUNDS = 12
-# Doubles in one block of Gram matrices (32 MiB): bounds memory for any batch.
+# float64 values in one block of Gram matrices (32 MiB): bounds the memory for any batch.
 BLOCK_ELEMENTS = 2**22
 
 
@@ -275,8 +275,8 @@ def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
 def _active_set(problems: _Problems, start: Tensor, passes: int) -> tuple[Tensor, Tensor]:
     """Lawson-Hanson from a feasible start, all problems together: weights `[B, J]`, status `[B]`.
 
-    One pass solves on the passive set, then either accepts the point and lets in the atom of
-    largest dual, or moves to the boundary and lets the atoms met there out.
+    One pass solves on the passive set. It then either accepts the point, and the atom of largest
+    dual enters, or moves to the boundary, and the atoms that reach 0 leave.
     """
     weights = start.clone()
     result = start.clone()
@@ -291,7 +291,7 @@ def _active_set(problems: _Problems, start: Tensor, passes: int) -> tuple[Tensor
         ridge = torch.where(failed[:, None], ridge * RIDGE_GROWTH, ridge)
         inside = (point >= 0).all(-1) & ~failed  # [B']
         weights, boundary = _toward(weights, point, passive, inside, failed)
-        # An atom thrown out at once was let in by rounding alone: bar it until one stays [LH74].
+        # An atom that leaves at once entered by rounding: bar it until another one stays [LH74].
         entered = torch.zeros_like(passive).scatter_(1, newest.clamp_min(0)[:, None], True)
         entered &= (newest >= 0)[:, None]
         survived = inside & (newest >= 0)
@@ -309,7 +309,7 @@ def _active_set(problems: _Problems, start: Tensor, passes: int) -> tuple[Tensor
         solvable = ridge[:, 0] < RIDGE_LIMIT
         keep = (~(inside & ~improving) & solvable).nonzero()[:, 0]
         if keep.numel() < rows.numel():
-            # For those that leave; the others get theirs when they leave.
+            # Final for the rows that leave here; the others are overwritten later.
             status[rows] = torch.where(solvable, Status.CONVERGED, Status.NO_DESCENT).to(status)
             problems, rows, weights = problems.take(keep), rows[keep], weights[keep]
             passive, barred, newest, ridge = (v[keep] for v in (passive, barred, newest, ridge))
@@ -322,7 +322,7 @@ def _active_set(problems: _Problems, start: Tensor, passes: int) -> tuple[Tensor
 def _toward(
     weights: Tensor, point: Tensor, passive: Tensor, inside: Tensor, failed: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Moves from `weights` to `point` as far as x >= 0 lets it; also the atoms that hit zero."""
+    """(x `[B, J]` moved to `point` as far as x >= 0 allows, atoms `[B, J]` that reach 0)."""
     falling = passive & (point < 0)  # [B, J]
     ratio = torch.where(falling, weights / (weights - point), torch.inf)
     length = ratio.amin(-1, keepdim=True).clamp_max(1)  # [B, 1]

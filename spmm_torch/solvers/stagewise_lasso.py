@@ -1,8 +1,7 @@
 """Non-negative stagewise Lasso with forward and backward steps, in Gram form.
 
 All problems advance together. The state of a problem is its J weights x and the J correlations
-of its residual g = D^T (y - D x), so that one step costs one column of the Gram and never a pass
-over the data.
+g = D^T (y - D x) of its residual, so a step costs one column of the Gram and no pass over the data.
 
 References:
     [ZY07] Peng Zhao, Bin Yu, Stagewise Lasso, Journal of Machine Learning Research 8, 2007, §3.1
@@ -21,15 +20,15 @@ from torch import Tensor
 
 from .status import STATUS_DTYPE, Status
 
-# xi of [ZY07] in units of eta^2: above float32 rounding of a loss difference, far under one step.
+# xi of [ZY07] in units of eta^2: above the float32 rounding of the loss, far under one step.
 STEP_TOLERANCE = 1e-3
-# Weights are whole multiples of eta: one of exactly 2 eta must not fall to rounding.
+# Relative slack of the threshold: a weight of exactly 2 eta must not be lost to rounding.
 THRESHOLD_SLACK = 1e-3
 # Steps between two checks for finished problems; each check waits for the device.
 STEPS_PER_CHECK = 16
 # Finished problems leave the batch when less than this fraction of it is still running.
 COMPACT_BELOW = 0.75
-# Weights in one block on the CPU: long enough to hide the cost of a call, small enough for memory.
+# Weights in one block on the CPU: enough to hide the cost of a call, few enough for memory.
 CPU_BLOCK_ELEMENTS = 2**19
 
 
@@ -169,7 +168,7 @@ def _run_block(
                 status[state.row] = Status.LIMIT
                 break
         _advance(state, gram, tolerance)
-    # A problem that never ran keeps an infinite penalty: zero signal, zero weights for any lambda.
+    # A problem that never ran has a zero signal, so zero weights for any lambda.
     idle = penalty.isinf() & (steps == 0)
     return count, torch.where(idle, 0.0, penalty), steps, backward_steps, status
 
@@ -204,7 +203,7 @@ def _advance(state: _State, gram: Tensor, tolerance: float) -> None:
     reached = torch.minimum(state.penalty, 2 * highest - 1 - tolerance)
     forward = state.running & ~backward & (reached > state.floor)
     ended = state.running & ~backward & ~forward
-    # At the end x solves every lambda from the last one down to the one not taken.
+    # The final x is the solution down to the lambda of the step that is not taken.
     lowered = torch.minimum(torch.maximum(reached, state.floor), state.penalty)
     state.penalty = torch.where(forward | ended, lowered, state.penalty)
     state.running = state.running & ~ended

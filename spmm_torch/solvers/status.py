@@ -1,7 +1,7 @@
-"""How solvers end: one status a problem, and counts of them by solver.
+"""How solvers end: a status for each problem, and counts by solver and status.
 
-Every solver tells the end of each problem of its batch, as `OptimizationStatus` of BoTorch and the
-stop criterion of skglm do. Counts stay on the device until someone reads them.
+Every solver returns the status of each problem of its batch, as BoTorch (`OptimizationStatus`) and
+skglm (stop criterion) do. Counts stay on the device until they are read.
 """
 
 from __future__ import annotations
@@ -23,10 +23,9 @@ class Status(IntEnum):
     """End of one problem, from best to worst: the larger of two is the worse one.
 
     Attributes:
-        CONVERGED: the stopping rule of the solver holds, or a solver that made progress finds no
-            step that goes down any more.
-        LIMIT: a limit of steps, or of atoms, ended the problem before that.
-        NO_DESCENT: no step from the start went down, however short, or none could be computed.
+        CONVERGED: the stopping rule holds, or after progress no step lowers the value any more.
+        LIMIT: a limit of steps or of atoms ended the problem.
+        NO_DESCENT: no step from the start lowers the value, or none can be computed.
         NOT_FINITE: an input, a value or a gradient was NaN or infinite.
     """
 
@@ -66,14 +65,14 @@ def worst_status(converged: Tensor, no_descent: Tensor, not_finite: Tensor) -> T
 
 
 def count_by_status(status: Tensor) -> Tensor:
-    """Problems of each status, `[4]` long, of statuses of any shape; the host does not wait."""
+    """Problems of each status, `[4]` long, given `status [...]`; the host does not wait."""
     kinds = torch.arange(len(Status), device=status.device)
     return (status.reshape(-1, 1) == kinds).sum(0)
 
 
 @dataclass(frozen=True)
 class StatusCounts:
-    """Problems by solver and status; counts of blocks, threads and ranks add up.
+    """Problems by solver and status; counts of several blocks, threads or ranks can be added.
 
     Attributes:
         table: rows in the order of `Solver`, columns in that of `Status`, `[7, 4]` long.
@@ -88,11 +87,11 @@ class StatusCounts:
 
     @classmethod
     def of(cls, solver: Solver, status: Tensor | Status) -> StatusCounts:
-        """Counts of the problems of one solver, on their device.
+        """Counts of the problems of one solver, on the device of `status`.
 
         Args:
-            solver: the one that ended them.
-            status: int8 of any shape, or that of a single problem.
+            solver: that solved them.
+            status: int8 `[...]`, or that of a single problem.
         """
         if isinstance(status, Status):
             status = torch.tensor(status, dtype=STATUS_DTYPE)
@@ -101,11 +100,11 @@ class StatusCounts:
         return cls(table)
 
     def to(self, device: torch.device | str) -> StatusCounts:
-        """The same on `device`."""
+        """The same counts on another device."""
         return StatusCounts(self.table.to(device))
 
     def __add__(self, other: StatusCounts) -> StatusCounts:
-        """The sum of both, on the device of the second: a running sum does not wait for it."""
+        """The sum on the device of `other`, so that a running sum does not wait for that device."""
         return StatusCounts(self.table.to(other.table.device) + other.table)
 
     @classmethod
@@ -114,7 +113,7 @@ class StatusCounts:
         return reduce(operator.add, parts, cls.none())
 
     def to_dict(self) -> dict[str, dict[str, int]]:
-        """Counts by lower-case names, `[solver][status]`; waits for the device."""
+        """Counts by the lower-case names of solver and status; the host waits for the device."""
         rows: list[list[int]] = self.table.tolist()
         names = [status.name.lower() for status in Status]
         return {

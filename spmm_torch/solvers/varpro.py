@@ -1,8 +1,8 @@
-"""Variable projection: all nonlinear parameters of small non-negative mixtures at once, in a batch.
+"""Variable projection: all parameters of small non-negative mixtures refined together, in a batch.
 
 Minimizes over x the function min_{w >= 0} sum_c ||y_c - sum_m w_cm rho_m(x_m)||^2 of S independent
 signals [GP73] by Levenberg-Marquardt [Mar63] with Kaufman's approximation of the Jacobian [Kau75].
-The weights are solved inside, so only the shape of the basis functions is searched.
+The weights are solved inside, so only the parameters of the basis functions are searched.
 
 References:
     [GP73] Gene H. Golub, Victor Pereyra, The Differentiation of Pseudo-Inverses and Nonlinear Least
@@ -24,13 +24,13 @@ from torch import Tensor
 from .nnls import nnls_shared_gram
 from .status import worst_status
 
-# Marquardt's damping: its start, its bounds, and its factors after a good and a bad step.
+# Damping of Marquardt: start, bounds, and factors after a good and a bad step.
 DAMPING_START, DAMPING_MIN, DAMPING_MAX = 1e-2, 1e-7, 1e7
 DAMPING_DOWN, DAMPING_UP = 1.0 / 3.0, 4.0
-# Added to a diagonal, relative to its mean, so that a parameter without effect is not singular.
+# Ridge relative to the mean of a diagonal: a parameter without effect must not make it singular.
 RELATIVE_RIDGE = 1e-7
 
-# Both take coordinates `[s, M, P]` and the rows `[s]` of their signals.
+# Both take coordinates `[s, M, P]` and the indices `[s]` of their signals.
 ValueFunction = Callable[[Tensor, Tensor], Tensor]
 JacobianFunction = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
@@ -57,7 +57,7 @@ class VarProResult:
 
 @dataclass(frozen=True)
 class _Fit:
-    """The weights of S mixtures and what they leave, in float64."""
+    """The weights of S mixtures and their losses, in float64."""
 
     weights: Tensor  # [S, C, M]
     loss: Tensor  # [S]
@@ -77,9 +77,9 @@ def refine_mixtures(
     """Refines the parameters of S mixtures of up to M basis functions each [GP73].
 
     Args:
-        values: `(coordinates [s, M, P], rows [s]) -> rho [s, M, D]` for the signals `rows`.
-        jacobian: the same -> (rho `[s, M, D]`, d rho / d coordinates `[s, M, P, D]`).
-        project: `(coordinates, rows) -> coordinates` feasible.
+        values: maps coordinates `[s, M, P]` of the signals `rows [s]` to rho `[s, M, D]`.
+        jacobian: maps them to rho `[s, M, D]` and d rho / d coordinates `[s, M, P, D]`.
+        project: maps them to the nearest feasible coordinates `[s, M, P]`.
         start: `[S, M, P]`, feasible.
         present: `[S, M]` bool; False marks padding.
         signals: `[S, C, D]`.
@@ -92,7 +92,7 @@ def refine_mixtures(
     """
     state = _State.begin(values, start, present, signals)
     failed, first = ~torch.isfinite(state.loss), state.loss.clone()
-    rows = torch.nonzero(~failed).squeeze(1)  # those that still move
+    rows = torch.nonzero(~failed).squeeze(1)  # mixtures that still run
     for _ in range(iterations):
         if not len(rows):
             break
@@ -210,7 +210,7 @@ def damped_step(hessian: Tensor, gradient: Tensor, damping: Tensor) -> Tensor:
 
 
 def next_damping(damping: Tensor, better: Tensor) -> Tensor:
-    """The damping `[S]` after a trial, which was `better [S]` or not [Mar63]."""
+    """The damping `[S]` after a trial, given whether it was `better [S]` [Mar63]."""
     factor = torch.where(better, DAMPING_DOWN, DAMPING_UP)
     return (damping * factor).clamp(DAMPING_MIN, DAMPING_MAX)
 

@@ -8,7 +8,7 @@ import torch
 from scipy.optimize import nnls
 from torch import Tensor
 
-from spmm_torch.solvers.foba import select_corrective
+from spmm_torch.solvers.foba import select_foba
 from spmm_torch.solvers.nnls import nnls_gram
 from tests.hard.cases import COARSE, TWINS, batch
 
@@ -59,7 +59,7 @@ def test_selection_takes_one_of_two_that_are_alike() -> None:
     assert condition > 1e8
     stored = atoms.float()
     y = (stored[:1] + 0.5 * stored[2:3]).expand(TEXELS, -1)
-    chosen = select_corrective(
+    chosen = select_foba(
         stored @ stored.T,
         (y @ stored.T)[..., None],
         y.square().sum(1, dtype=torch.float64),

@@ -13,14 +13,9 @@ from spmm_torch.fit import fit
 from spmm_torch.fit.search.bank import Bank, build_bank
 from spmm_torch.fit.search.joint import CorrectiveSearch
 from spmm_torch.fit.search.mixtures import Mixtures
-from spmm_torch.fit.select.products import cluster_products
-from spmm_torch.fit.select.texels import (
-    Fit,
-    Products,
-    select,
-    squared_errors,
-    target_beside_residual,
-)
+from spmm_torch.fit.select.products import Products, cluster_products
+from spmm_torch.fit.select.target import target_beside_residual
+from spmm_torch.fit.select.texels import Fit, select, squared_errors
 from spmm_torch.lobes.batch import Feasible, LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
 from tests.hard.cases import COARSE, GLOSS, QUICK, noisy, planted_texture

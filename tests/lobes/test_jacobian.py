@@ -43,7 +43,7 @@ def test_jacobian_of_mixed_models_in_blocks(monkeypatch: pytest.MonkeyPatch) -> 
     coordinates = random_coordinates(24, seed=29)
     wi, wo = random_pairs(15, seed=30)
     rho, slope = eval_with_jacobian(model, coordinates, wi, wo)
-    monkeypatch.setattr("spmm_torch.lobes.jacobian.CPU_SLOPES", 100)
+    monkeypatch.setattr("spmm_torch.lobes.jacobian.CPU_BACKWARD_VALUES", 100)
     again, slope_again = eval_with_jacobian(model, coordinates, wi, wo)
     torch.testing.assert_close(again, rho)
     torch.testing.assert_close(slope_again, slope)

@@ -16,7 +16,7 @@ from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.sampling import specular_mask
 from spmm_torch.model import sampling
 from spmm_torch.model.sampling import (
-    MIN_COSINE_SHARE,
+    MIN_COSINE_PROBABILITY,
     SamplingData,
     pdf,
     residual_intensity,
@@ -180,7 +180,7 @@ def test_every_direction_of_the_upper_hemisphere_can_be_sampled(
     planted: Planted, texel: int | None
 ) -> None:
     data, wi = planted.data(), square_to_cosine_hemisphere(uniform(2000)[:, :2])
-    least = MIN_COSINE_SHARE * square_to_cosine_hemisphere_pdf(wi)
+    least = MIN_COSINE_PROBABILITY * square_to_cosine_hemisphere_pdf(wi)
     for polar in (0.0, 60.0, 89.0, 95.0):
         found = density(data, texel, unit_vector(polar, VIEW_AZIMUTH), wi)
         assert bool((found >= 0.999 * least).all())
@@ -257,7 +257,7 @@ def test_queries_of_float64_on_a_model_of_float32(planted: Planted) -> None:
 def test_block_size_changes_nothing(planted: Planted, monkeypatch: pytest.MonkeyPatch) -> None:
     data, u, wo = planted.data(), uniform(200), unit_vector(40.0, 0.3)
     whole = sample(data, *query(None, wo, u), u)
-    monkeypatch.setattr(sampling, "BLOCK_ENTRIES", 7 * 4 * data.longest)
+    monkeypatch.setattr(sampling, "SAMPLED_ENTRIES", 7 * 4 * data.longest)
     torch.testing.assert_close(sample(data, *query(None, wo, u), u), whole)
     torch.testing.assert_close(density(data, None, wo, whole[0]), whole[1])
 

@@ -121,7 +121,7 @@ def test_shapes_broadcast(model: SPMM) -> None:
 def test_block_size_changes_nothing(model: SPMM, monkeypatch: pytest.MonkeyPatch) -> None:
     uv, wi, wo = all_centres(), directions(12, 1), directions(12, 2)
     whole = model(uv, wi, wo)
-    monkeypatch.setattr(model_module, "BLOCK_ENTRIES", 1)
+    monkeypatch.setattr(model_module, "EVALUATED_ENTRIES", 1)
     torch.testing.assert_close(model(uv, wi, wo), whole)
 
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch.solvers.foba import Selection, select_corrective
+from spmm_torch.solvers.foba import Selection, select_foba
 from spmm_torch.solvers.nnls import kkt_violation, nnls_gram
 from spmm_torch.solvers.status import Status
 
@@ -27,7 +27,7 @@ def make_problem(
 
 
 def select(design: Tensor, data: Tensor, max_lobes: int = 6, min_gain: float = 1e-3) -> Selection:
-    return select_corrective(
+    return select_foba(
         design.T @ design,
         torch.einsum("dj,tdc->tjc", design, data),
         data.square().sum((1, 2)),
@@ -170,7 +170,7 @@ def test_no_room_is_a_limit_and_no_atoms_are_none() -> None:
 
 def test_texels_that_took_every_atom_have_converged() -> None:
     orthogonal = torch.eye(4, dtype=torch.float64)
-    everything = select_corrective(
+    everything = select_foba(
         orthogonal, torch.ones(2, 4, 1), 4.0 * torch.ones(2), max_lobes=4, min_gain=0.0
     )
     assert (everything.index >= 0).all()
@@ -181,10 +181,10 @@ def test_texels_whose_values_are_not_finite_are_told_and_leave_the_others_alone(
     design, data, _ = make_problem(texels=6)
     gram, energy = design.T @ design, data.square().sum((1, 2))
     correlation = torch.einsum("dj,tdc->tjc", design, data)
-    clean = select_corrective(gram, correlation, energy, max_lobes=6, min_gain=1e-3)
+    clean = select_foba(gram, correlation, energy, max_lobes=6, min_gain=1e-3)
     correlation[1, 4, 0], correlation[2, 5, 1] = torch.nan, torch.inf
     energy[3] = torch.nan
-    found = select_corrective(gram, correlation, energy, max_lobes=6, min_gain=1e-3)
+    found = select_foba(gram, correlation, energy, max_lobes=6, min_gain=1e-3)
     bad = torch.tensor([False, True, True, True, False, False])
     assert torch.equal(found.status == Status.NOT_FINITE, bad)
     assert torch.equal(found.status[~bad], clean.status[~bad])
@@ -196,8 +196,8 @@ def test_refits_tell_how_their_least_squares_ended() -> None:
     gram = torch.tensor([[1.0, -2.0], [-2.0, 1.0]], dtype=torch.float64)
     correlation = torch.tensor([[[2.0, 0.1], [0.0, 1.0]]], dtype=torch.float64)  # [1, J, C]
     energy = 100.0 * torch.ones(1)
-    one = select_corrective(gram, correlation, energy, max_lobes=1, min_gain=0.0)
+    one = select_foba(gram, correlation, energy, max_lobes=1, min_gain=0.0)
     assert one.nnls_status.tolist() == [[Status.CONVERGED] * 2]
-    both = select_corrective(gram, correlation, energy, max_lobes=2, min_gain=0.0)
+    both = select_foba(gram, correlation, energy, max_lobes=2, min_gain=0.0)
     assert both.nnls_status.tolist() == [[Status.NO_DESCENT] * 2]
     assert both.weights.isfinite().all() and (both.error < one.error).all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from spmm_torch.solvers.multistart import StartTally, best_start
+from spmm_torch.solvers.multistart import StartCounts, best_start
 from spmm_torch.solvers.status import Solver, Status
 
 
@@ -14,19 +14,19 @@ def test_takes_the_least_value_and_never_nan() -> None:
 
 
 def test_a_start_counts_once_by_the_worst_of_its_solvers() -> None:
-    tally = StartTally()
+    counts = StartCounts()
     adam = torch.tensor([Status.LIMIT, Status.NOT_FINITE, Status.LIMIT], dtype=torch.int8)
     lbfgs = torch.tensor([Status.CONVERGED, Status.NO_DESCENT, Status.NO_DESCENT]).to(adam)
-    tally.add({Solver.ADAM: adam, Solver.LBFGS: lbfgs})
-    tally.add({Solver.LBFGS: torch.tensor([Status.CONVERGED]).to(adam)})
-    assert tally.to_tensor().tolist() == [4, 1, 1]
-    counts = tally.solvers.to_dict()
-    assert counts["adam"] == {"converged": 0, "limit": 2, "no_descent": 0, "not_finite": 1}
-    assert counts["lbfgs"] == {"converged": 2, "limit": 0, "no_descent": 2, "not_finite": 0}
+    counts.add_starts({Solver.ADAM: adam, Solver.LBFGS: lbfgs})
+    counts.add_starts({Solver.LBFGS: torch.tensor([Status.CONVERGED]).to(adam)})
+    assert counts.to_tensor().tolist() == [4, 1, 1]
+    by_solver = counts.solvers.to_dict()
+    assert by_solver["adam"] == {"converged": 0, "limit": 2, "no_descent": 0, "not_finite": 1}
+    assert by_solver["lbfgs"] == {"converged": 2, "limit": 0, "no_descent": 2, "not_finite": 0}
 
 
 def test_what_is_no_start_counts_by_solver_only() -> None:
-    tally = StartTally()
-    tally.count(Solver.NNLS, torch.zeros(5, 3, dtype=torch.int8))
-    assert tally.to_tensor().tolist() == [0, 0, 0]
-    assert tally.solvers.to_dict()["nnls"]["converged"] == 15
+    counts = StartCounts()
+    counts.add_problems(Solver.NNLS, torch.zeros(5, 3, dtype=torch.int8))
+    assert counts.to_tensor().tolist() == [0, 0, 0]
+    assert counts.solvers.to_dict()["nnls"]["converged"] == 15

@@ -9,8 +9,9 @@ from ...fit.cluster import Samples
 from ...fit.dictionary import FoundLobes
 from ...fit.problem import Problem as FitProblem
 from ...fit.search.lobes import find_lobes
-from ...fit.select.products import cluster_products
-from ...fit.select.texels import Fit, Products, select, squared_errors, target_beside_residual
+from ...fit.select.products import Products, cluster_products
+from ...fit.select.target import target_beside_residual
+from ...fit.select.texels import Fit, select, squared_errors
 from ...metrics import snr_db
 from ...runtime.context import Context
 from ..protocol import Timing, measure

@@ -1,1 +1,1 @@
-"""Which models and lobes pay for their bytes."""
+"""Which BRDF models, and how many lobes, are worth their bytes."""

@@ -1,8 +1,7 @@
-"""What every BRDF model buys: the error of some texels that choose their lobes without it.
+"""Ablation of each BRDF model: the error of some texels that choose from the lobes of the others.
 
-The dictionary stays as it is but for the lobes of one model, and texels choose anew in dictionary
-space. Nothing is searched anew, so the others could not yet make up for it: what is told is the
-most that a model can be worth.
+Texels choose again from the same dictionary without the lobes of one model. No lobes are searched
+again to replace them, so the loss in SNR is an upper bound of what the model contributes.
 """
 
 from __future__ import annotations
@@ -19,18 +18,19 @@ from ...metrics import snr_db
 from ...report.contract import Ablation
 from ..dictionary import Dictionary
 from ..problem import Problem
-from ..select.products import cluster_products
-from ..select.texels import Fit, Products, select, squared_errors, target_beside_residual
+from ..select.products import Products, cluster_products
+from ..select.target import target_beside_residual
+from ..select.texels import Fit, select, squared_errors
 
-# Texels that are looked at, drawn at random.
-TEXELS = 128
+# Texels of the ablation, drawn at random.
+ABLATION_TEXELS = 128
 
 
 def ablate(problem: Problem, labels: Tensor, dictionary: Dictionary) -> Ablation:
-    """Errors of lobes alone over some texels, by weight, with and without each model.
+    """SNR of the lobes alone over some texels, with all models and without each of them.
 
     Args:
-        problem: the fit; its way to select is taken.
+        problem: the fit, whose settings tell how texels choose.
         labels: cluster of every texel, `[T]`.
         dictionary: of all clusters.
     """
@@ -40,8 +40,9 @@ def ablate(problem: Problem, labels: Tensor, dictionary: Dictionary) -> Ablation
 
 
 def _ablation(problem: Problem, labels: Tensor, dictionary: Dictionary) -> Ablation:
+    """`ablate` on one rank."""
     generator = problem.context.generator("worth")
-    texels = torch.randperm(problem.btf.texel_count, generator=generator)[:TEXELS]
+    texels = torch.randperm(problem.btf.texel_count, generator=generator)[:ABLATION_TEXELS]
     groups = list(_groups(problem, texels, labels, dictionary))
     energy = sum(float(products.total(products.energy)) for products, _ in groups)
 
@@ -59,7 +60,7 @@ def _ablation(problem: Problem, labels: Tensor, dictionary: Dictionary) -> Ablat
 def _groups(
     problem: Problem, texels: Tensor, labels: Tensor, dictionary: Dictionary
 ) -> Iterator[tuple[Products, Tensor]]:
-    """Products of texels that choose from the same lobes, and the models of those `[J]`."""
+    """(products of texels that choose from the same lobes, models `[J]` of these lobes)."""
     shared = all(len(choice) == len(dictionary.lobes) for choice in dictionary.choices)
     owner = torch.zeros_like(texels) if shared else labels[texels]
     for cluster in torch.unique(owner).tolist():
@@ -75,18 +76,18 @@ def _groups(
 
 
 def _error(products: Products, problem: Problem) -> float:
-    """The squared error that the atoms leave."""
+    """Squared error of the lobes alone, by the weights of the texels."""
     return float(products.total(squared_errors(products, selected(products, problem.config))))
 
 
 def selected(products: Products, config: FitConfig) -> Fit:
-    """The lobes of every texel, without a residual beside them."""
+    """The fit of every texel by the lobes alone, given products with `[J]` atoms."""
     target = target_beside_residual(products, None, 0.0)
     return select(products, target, config.select, config.stagewise)
 
 
 def with_atoms(products: Products, kept: Tensor) -> Products:
-    """The products with the atoms `kept [J]` only."""
+    """The products with the atoms `kept [J]` bool only."""
     index = torch.nonzero(kept).squeeze(1).to(products.gram.device)
     return replace(
         products,

@@ -1,10 +1,10 @@
-"""No more model than pays: BRDFs, and how readily texels take lobes, by held-out directions.
+"""Choice of BRDF models and of `select.min_gain` by the error on held-out directions.
 
-Some views and lights are held out while lobes are searched and chosen on some texels. Then the
-errors on the held-out pairs are set against the bytes: a share g of a texel's error is worth as
-much as a lobe, where g is `select.min_gain` as the settings have it. So the cost of a texel is
-ln(error) + g (its lobes + its part of the dictionary, in bytes of one lobe). `min_gain` is raised
-as long as that pays, then models are dropped, one after another.
+Lobes are searched and chosen on some texels without the held-out views and lights. The cost of a
+texel is ln(error on held-out pairs) + g (its lobes + its part of the dictionary), both counted in
+bytes of one lobe, where g is `select.min_gain` of the settings: a lobe is worth the fraction g of
+the error. First `min_gain` is raised, then models are dropped one by one, while the mean cost does
+not rise.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from ..cluster import Samples
 from ..dictionary import Dictionary, merge_lobes
 from ..problem import Problem
 from ..search.lobes import find_lobes, search_steps
-from ..select.products import cluster_products
-from ..select.texels import Products, squared_errors
+from ..select.products import Products, cluster_products
+from ..select.texels import squared_errors
 from .ablation import selected, with_atoms
 
 # Texels on which lobes are searched and judged.
-TEXELS = 64
-# Share of the views and of the lights that is held out, and directions that this takes.
+AUTO_TEXELS = 64
+# Fraction of the views and of the lights that is held out, and the least number of directions.
 HELD_OUT, LEAST_DIRECTIONS = 0.1, 4
-# Smaller errors, as a share of the energy (40 dB), are as good as none: 8-bit codes have as much.
+# Least relative error that counts (40 dB): that of 8-bit codes.
 VISIBLE = 1e-4
-# The last value of min_gain that is tried: with it, texels have one lobe that says it all, or none.
+# Largest value of min_gain that is tried: texels then have one nearly perfect lobe, or none.
 MOST_GAIN = 0.9
-# Stored bytes: an entry's index, a float, and a lobe's model, parameters, normal and angle.
+# Stored bytes: the index of an entry; a float; model, parameters, normal and angle of a lobe.
 INDEX_BYTES, FLOAT_BYTES, LOBE_BYTES = 2, 4, 1 + 4 * (MAX_PARAMETERS + 4)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What pays.
+    """The models and the `min_gain` of least cost.
 
     Attributes:
         models: indices into `MODEL_NAMES`, `[M]`.
@@ -56,25 +56,25 @@ class Choice:
     min_gain: Tensor
 
     def to_tensors(self) -> dict[str, Tensor]:
-        """For a checkpoint."""
+        """Tensors for a checkpoint: `models [M]` and `min_gain []`."""
         return {"models": self.models, "min_gain": self.min_gain}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> Choice:
-        """From a checkpoint."""
+        """The choice of a checkpoint; see `Choice.to_tensors`."""
         return cls(**tensors)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The models by name."""
+        """Names of the models."""
         return tuple(MODEL_NAMES[index] for index in self.models.tolist())
 
     def report(self) -> dict[str, Any]:
-        """For `report.json`."""
+        """The entry `auto` of `report.json`."""
         return {"models": list(self.names), "min_gain": float(self.min_gain)}
 
     def describe(self, given: FitConfig) -> str:
-        """One line for people."""
+        """One line for the log, given the settings before the choice."""
         dropped = [name for name in given.search.models if name not in self.names]
         return (
             f"auto: select.min_gain {given.select.min_gain:g} -> {float(self.min_gain):g}, "
@@ -82,7 +82,7 @@ class Choice:
         )
 
     def applied(self, config: FitConfig) -> FitConfig:
-        """The settings with no more than what pays."""
+        """The settings with this choice."""
         return replace(
             config,
             search=replace(config.search, models=self.names),
@@ -91,7 +91,7 @@ class Choice:
 
 
 def choose_models(problem: Problem, samples: Samples) -> tuple[Problem, Choice | None]:
-    """The problem with what pays only, if its settings want that.
+    """The problem with models and `min_gain` chosen, if its settings ask for that.
 
     Raises:
         DataError: there are too few directions to hold some out.
@@ -113,13 +113,13 @@ def choose_models(problem: Problem, samples: Samples) -> tuple[Problem, Choice |
 def choose(
     problem: Problem, samples: Samples, generator: torch.Generator, advance: Advance
 ) -> Choice:
-    """Which models, and which `min_gain`, pay for their bytes on held-out directions.
+    """The models and the `min_gain` of least cost on held-out directions.
 
     Args:
         problem: the fit.
-        samples: S texels; some of them are taken.
+        samples: S texels, some of which are used.
         generator: draws texels and held-out directions.
-        advance: told steps of the search of `auto_texels(S)` samples.
+        advance: receives the steps of the search on `auto_texels(S)` samples.
 
     Raises:
         DataError: there are too few directions to hold some out.
@@ -134,7 +134,7 @@ def choose(
     together = Samples(own, torch.zeros(len(own), dtype=torch.long))
     found = find_lobes(seen, together, generator, advance)
     dictionary = merge_lobes(found, 1, seen.grid(), problem.config.dictionary)
-    atoms = dictionary.raw * unseen.weights.scale(problem.device)
+    atoms = unseen.grid().scaled(dictionary.raw)
     return _Trial(
         problem.config,
         dictionary,
@@ -145,12 +145,12 @@ def choose(
 
 
 def auto_texels(samples: int) -> int:
-    """How many of so many samples are looked at."""
-    return min(samples, TEXELS)
+    """How many of the samples are used."""
+    return min(samples, AUTO_TEXELS)
 
 
 def held_out(btf: BTF, generator: torch.Generator) -> Tensor:
-    """Pairs `[V, L]` of which the view or the light is held out.
+    """True `[V, L]` for pairs whose view or light is held out.
 
     Raises:
         DataError: there are too few directions.
@@ -172,6 +172,7 @@ def held_out(btf: BTF, generator: torch.Generator) -> Tensor:
 
 
 def _products(problem: Problem, texels: Tensor, atoms: Tensor) -> Products:
+    """Products of `texels [n]` with `atoms [J, D]`."""
     return cluster_products(
         lambda part: problem.signals(texels[part]),
         [slice(0, len(texels))],
@@ -182,12 +183,12 @@ def _products(problem: Problem, texels: Tensor, atoms: Tensor) -> Products:
 
 @dataclass(frozen=True)
 class _Trial:
-    """The texels, with lobes found on the pairs that were seen.
+    """Texels and a dictionary that was found without the held-out pairs.
 
     Attributes:
         config: of the fit.
         dictionary: of the lobes found.
-        seen, unseen: products of the texels by pairs, of the same atoms.
+        seen, unseen: products of the texels with all atoms, on the other and on the held-out pairs.
         texel_count: T of the whole BTF.
     """
 
@@ -199,10 +200,11 @@ class _Trial:
 
     @cached_property
     def _model(self) -> Tensor:
+        """Model of each lobe, `[J]`."""
         return self.dictionary.lobes.model
 
     def best(self) -> Choice:
-        """Raises min_gain, then drops models, as long as the cost does not rise."""
+        """Raises min_gain, then drops models, while the cost does not rise."""
         models, best = torch.unique(self._model), self.config.select.min_gain
         least, gain = self.cost(models, best), best
         while 0.0 < gain < MOST_GAIN:
@@ -220,14 +222,14 @@ class _Trial:
         return Choice(models, torch.tensor(best, dtype=torch.float64))
 
     def cost(self, models: Tensor, min_gain: float) -> float:
-        """Mean over the texels of ln(error) + bytes, both as the module says."""
+        """Mean cost of the texels, as defined above, with lobes of `models [M]` only."""
         kept = torch.isin(self._model, models)
         select = replace(self.config.select, min_gain=min_gain)
         fit = selected(with_atoms(self.seen, kept), replace(self.config, select=select))
         unseen = with_atoms(self.unseen, kept)
         energy = unseen.energy.sum(1)  # [n]
-        share = squared_errors(unseen, fit) / energy.clamp(min=torch.finfo(energy.dtype).tiny)
-        error = float(share.clamp(min=VISIBLE).log().mean())
+        ratio = squared_errors(unseen, fit) / energy.clamp(min=torch.finfo(energy.dtype).tiny)
+        error = float(ratio.clamp(min=VISIBLE).log().mean())
         entry = INDEX_BYTES + FLOAT_BYTES * unseen.energy.shape[1]
         used = fit.index[fit.index >= 0]
         lobes = len(used) / len(energy)

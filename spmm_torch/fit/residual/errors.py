@@ -1,4 +1,4 @@
-"""Stage residual: the residual of a cluster as it is stored, and the squared errors of its fit."""
+"""Stage residual: the stored residual of a cluster, and the squared errors of its fit."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from torch import Tensor
 from ...metrics import Totals
 from ...model.residual import decode_residual, encode_residual
 from ...runtime.ranks import Ranks
-from ..select.texels import Fit, Products, squared_errors
+from ..select.products import Products
+from ..select.texels import Fit, squared_errors
 from .missing import MissingPairs
 
 Blocks = list[tuple[slice, Fit]]
 
 
 @dataclass(frozen=True)
-class Tally:
-    """What a fit leaves.
+class ClusterErrors:
+    """The stored residual of a cluster, and the errors of its fit.
 
     Attributes:
         code: the stored residual `[D, C]`.
         scale: its scale `[]`.
-        totals: squared errors over all measured values, alike.
-        weighted: the same by weight; None where all weights are 1.
+        totals: squared errors over all measured values.
+        weighted: the same with the weights of the values; None where these are all 1.
     """
 
     code: Tensor
@@ -33,23 +34,23 @@ class Tally:
     weighted: Totals | None = None
 
 
-def tally_uniform(
+def uniform_errors(
     products: Products,
     atoms: Tensor,
     mean: Tensor,
     errors: tuple[float, float],
     precision: torch.dtype,
     ranks: Ranks,
-) -> Tally:
-    """Where all values count alike: the residual takes away all that a mean can.
+) -> ClusterErrors:
+    """Errors where all weights are 1: the residual is then the mean error of the texels.
 
     Args:
         products: of the texels.
         atoms: `[J, D]`.
         mean: weight of every atom, mean over the cluster, `[J, C]`.
-        errors: squared error of the lobes alone, and how much of it the mean error takes away.
-        precision: in which the residual is stored.
-        ranks: that share the cluster.
+        errors: squared error of the lobes alone, and the part that the residual takes away.
+        precision: type of the stored residual.
+        ranks: processes among which the cluster is divided.
     """
     residual = products.mean - atoms.T @ mean.to(atoms.dtype)  # [D, C]
     code, scale = encode_residual(residual[None], precision)
@@ -62,22 +63,22 @@ def tally_uniform(
         with_residual=max(without - taken, 0.0) + products.count * float(rounding),
         cluster_mean=energy - products.count * float(products.mean_energy.sum()),
     )
-    return Tally(code[0].cpu(), scale[0].cpu(), totals)
+    return ClusterErrors(code[0].cpu(), scale[0].cpu(), totals)
 
 
 @dataclass(frozen=True)
-class WeightedTally:
-    """Where values count by weight.
+class WeightedErrors:
+    """Errors where values have weights.
 
-    At each pair the weighted errors are least for the mean error of the texels by their weights,
-    whatever the weight of the pair.
+    At each pair the best residual is the mean error by the weights of the texels; the weight of the
+    pair does not matter.
 
     Attributes:
-        products, atoms: scaled by the weights.
-        plain, raw: the same without weights, missing pairs being 0 in `plain` only.
+        products, atoms: products and atoms `[J, D]`, scaled by the weights of the pairs.
+        plain, raw: the same without weights; missing pairs are 0 in `plain` only.
         scale: square roots of the weights of the pairs, `[D]`; None: 1.
-        measured: `[D]` bool; None: all pairs.
-        gaps: how missing pairs are filled; None without any.
+        measured: whether a pair was measured, `[D]` bool; None: all were.
+        gaps: the pairs that were not; None: all were.
     """
 
     products: Products
@@ -88,8 +89,17 @@ class WeightedTally:
     measured: Tensor | None
     gaps: MissingPairs | None
 
-    def tally(self, mean: Tensor, blocks: Blocks, precision: torch.dtype, ranks: Ranks) -> Tally:
-        """The residual beside lobes of `mean [J, C]` weights, and the errors of all `blocks`."""
+    def of_fit(
+        self, mean: Tensor, blocks: Blocks, precision: torch.dtype, ranks: Ranks
+    ) -> ClusterErrors:
+        """The stored residual and the errors of a fit.
+
+        Args:
+            mean: weight of every atom, mean over the cluster, `[J, C]`.
+            blocks: texels of this rank and their fits.
+            precision: type of the stored residual.
+            ranks: processes among which the cluster is divided.
+        """
         residual = self._mean_value() - self.raw.T @ mean.to(self.raw.dtype)  # [D, C]
         if self.gaps is not None:
             residual = self.gaps.filled(residual)
@@ -100,10 +110,10 @@ class WeightedTally:
         raw = self.raw if self.measured is None else self.raw * self.measured
         totals = _totals(self.plain, raw, blocks, seen, ranks)
         weighted = _totals(self.products, self.atoms, blocks, scaled, ranks)
-        return Tally(code[0].cpu(), scale[0].cpu(), totals, weighted)
+        return ClusterErrors(code[0].cpu(), scale[0].cpu(), totals, weighted)
 
     def _mean_value(self) -> Tensor:
-        """The mean of the texels by their weights, without the weights of pairs: `[D, C]`."""
+        """Mean of the texels by their weights, without the weights of the pairs, `[D, C]`."""
         if self.scale is None:
             return self.products.mean
         scale = self.scale[:, None]
@@ -114,7 +124,7 @@ class WeightedTally:
 def _totals(
     products: Products, atoms: Tensor, blocks: Blocks, residual: Tensor, ranks: Ranks
 ) -> Totals:
-    """Squared errors of fits and a residual `[D, C]` that were made for other weights."""
+    """Squared errors of fits with any residual `[D, C]`, not only the mean error."""
     total = products.mean_correlation.new_zeros(len(atoms), residual.shape[1]).double()
     own = torch.zeros((), dtype=torch.float64)
     for texels, fit in blocks:

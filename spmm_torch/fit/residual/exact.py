@@ -1,8 +1,8 @@
-"""Errors of fits that are too good for the Gram algebra, from the values themselves.
+"""Errors of very good fits, from the values themselves.
 
-Errors in dictionary space are small differences of numbers as large as the energy, which float32
-products hold to 1e-7: beyond 60 dB they tell rounding, not the model. There one more pass over
-the texels tells the truth; float32 differences of values and model hold to 130 dB and more.
+Errors from products are small differences of numbers as large as the energy, which float32 holds to
+1e-7: beyond 60 dB they are rounding. One more pass over the texels gives the errors up to 130 dB
+and more.
 """
 
 from __future__ import annotations
@@ -17,38 +17,39 @@ from ...model.residual import decode_residual
 from ...runtime.ranks import ALONE, Ranks
 from ..select.products import Load
 from ..select.texels import Fit
-from .errors import Tally
+from .errors import ClusterErrors
 
-# Share of the energy under which an error is passed over once more: rounding is 1 % of it there.
+# Relative error under which one more pass is made: rounding is 1 % of the error there.
 DOUBTFUL = 1e-5
 
 
 def is_doubtful(error: float, energy: float) -> bool:
-    """Whether an error from the Gram algebra may be rounding."""
+    """Whether a squared error from products may be rounding."""
     return error < DOUBTFUL * energy
 
 
 def exact_where_doubtful(
-    tally: Tally,
+    errors: ClusterErrors,
     passes: tuple[Load, Sequence[slice]],
     fits: Sequence[Fit],
     atoms: Tensor,
     ranks: Ranks = ALONE,
-) -> Tally:
-    """The tally, by one more pass where its errors may be rounding.
+) -> ClusterErrors:
+    """The errors of a cluster, by one more pass where they may be rounding.
 
     Args:
-        tally: of the whole cluster.
-        passes: load and parts of `exact_errors`.
-        fits, atoms, ranks: of `exact_errors`.
+        errors: from products.
+        passes: load and parts, as in `exact_errors`.
+        fits, ranks: as in `exact_errors`.
+        atoms: `[J, D]`, of unit norm.
     """
-    totals = tally.totals
+    totals = errors.totals
     if not is_doubtful(min(totals.without_residual, totals.with_residual), totals.energy):
-        return tally
-    residual = decode_residual(tally.code[None], tally.scale[None])[0].to(atoms.device)
+        return errors
+    residual = decode_residual(errors.code[None], errors.scale[None])[0].to(atoms.device)
     without, with_residual = exact_errors(*passes, fits, atoms, residual, ranks)
     totals = replace(totals, without_residual=without, with_residual=with_residual)
-    return replace(tally, totals=totals)
+    return replace(errors, totals=totals)
 
 
 def exact_errors(
@@ -59,15 +60,15 @@ def exact_errors(
     residual: Tensor,
     ranks: Ranks = ALONE,
 ) -> tuple[float, float]:
-    """Squared errors of a whole cluster, without and with its residual.
+    """Squared errors of a whole cluster (without its residual, with it), from the values.
 
     Args:
-        load: gives the values `[m, C, D]` of some of this rank's n texels.
-        parts: blocks that cover them.
-        fits: of the n texels, one after the other.
+        load: gives the values `[m, C, D]` of some of the n texels of this rank.
+        parts: blocks of the n texels.
+        fits: of the n texels, in their order.
         atoms: `[J, D]`, of unit norm.
-        residual: as it is stored, `[D, C]`.
-        ranks: that share the cluster.
+        residual: the stored values, `[D, C]`.
+        ranks: processes among which the cluster is divided.
     """
     none = atoms.new_zeros(0, residual.shape[1], len(atoms))  # a rank may have no texels
     weights = torch.cat([none, *(_dense(fit, len(atoms)) for fit in fits)])  # [n, C, J]
@@ -80,8 +81,8 @@ def exact_errors(
     return without, with_residual
 
 
-def _dense(fit: Fit, atoms: int) -> Tensor:
-    """Weights of all atoms, `[n, C, J]`."""
+def _dense(fit: Fit, atom_count: int) -> Tensor:
+    """Weights of all atoms, `[n, C, J]`, mostly zeros."""
     weights = fit.weights.transpose(1, 2)  # [n, C, M], zero where padded
-    dense = weights.new_zeros(*weights.shape[:2], atoms)
+    dense = weights.new_zeros(*weights.shape[:2], atom_count)
     return dense.scatter_add_(2, fit.index.clamp(min=0)[:, None].expand_as(weights), weights)

@@ -1,4 +1,9 @@
-"""What a residual is at direction pairs that were not measured: as at their nearest neighbours."""
+"""The residual at direction pairs that were not measured, interpolated from their neighbours.
+
+References:
+    [She68] Donald Shepard, A Two-Dimensional Interpolation Function for Irregularly-Spaced Data,
+        ACM National Conference, 1968.
+"""
 
 from __future__ import annotations
 
@@ -7,63 +12,63 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-# Measured pairs that a missing one is interpolated from, by inverse squared distance [She68].
+# Measured pairs from which a missing pair is interpolated, by inverse squared distance [She68].
 NEIGHBOURS = 8
 # Distances between missing and measured pairs that are held at once: 128 MB.
 BLOCK_DISTANCES = 1 << 25
-# Keeps the inverse of a squared distance finite; measured directions are further apart.
-NEAREST = 1e-8
+# Least squared distance, far under that of measured directions: its inverse stays finite.
+LEAST_DISTANCE = 1e-8
 
 
 @dataclass(frozen=True)
 class MissingPairs:
-    """M missing pairs and where their values come from.
-
-    References:
-        [She68] Shepard, A two-dimensional interpolation function for irregularly-spaced data,
-            ACM National Conference 1968.
+    """M missing pairs and their measured neighbours.
 
     Attributes:
-        place: of the missing pairs, `[M]`.
-        source: measured pairs near each, `[M, n]`.
-        share: of each of them, `[M, n]`, rows sum to 1.
+        pair: indices of the missing pairs, `[M]`.
+        neighbour: indices of n measured pairs near each, `[M, n]`.
+        weight: of each neighbour, `[M, n]`; rows sum to 1.
     """
 
-    place: Tensor
-    source: Tensor
-    share: Tensor
+    pair: Tensor
+    neighbour: Tensor
+    weight: Tensor
 
     @classmethod
     def of(cls, measured: Tensor | None, light: Tensor, view: Tensor) -> MissingPairs | None:
-        """Those that are not `measured [D]`; None if there are none."""
+        """As `build`; None if `measured [D]` is None, which says that all pairs are."""
         return None if measured is None else cls.build(measured, light, view)
 
     @classmethod
     def build(cls, measured: Tensor, light: Tensor, view: Tensor) -> MissingPairs:
-        """Finds the neighbours of all pairs that are not `measured [D]`.
+        """Finds the neighbours of all pairs that are not measured.
 
         The squared distance of two pairs is that of their lights plus that of their views.
+
+        Args:
+            measured: `[D]` bool.
+            light, view: measured directions, `[L, 3]` and `[V, 3]`.
         """
-        place = torch.nonzero(~measured).squeeze(1)
+        missing = torch.nonzero(~measured).squeeze(1)
         known = torch.nonzero(measured).squeeze(1)
         lights = len(light)
         of_light = torch.cdist(light.double(), light.double()).square()  # [L, L]
         of_view = torch.cdist(view.double(), view.double()).square()  # [V, V]
         near, distance = [], []
-        for part in place.split(max(1, BLOCK_DISTANCES // len(known))):
+        for part in missing.split(max(1, BLOCK_DISTANCES // len(known))):
             between = of_light[part % lights][:, known % lights]
             between = between + of_view[part // lights][:, known // lights]
             least = between.topk(min(NEIGHBOURS, len(known)), dim=1, largest=False)
             near.append(known[least.indices])
             distance.append(least.values)
-        share = 1.0 / torch.cat(distance).clamp(min=NEAREST)
-        share = (share / share.sum(1, keepdim=True)).float()
-        return cls(place, torch.cat(near), share)
+        weight = 1.0 / torch.cat(distance).clamp(min=LEAST_DISTANCE)
+        weight = (weight / weight.sum(1, keepdim=True)).float()
+        return cls(missing, torch.cat(near), weight)
 
     def filled(self, values: Tensor) -> Tensor:
-        """Values `[D, C]` with those of missing pairs replaced."""
-        place, source, share = (
-            part.to(values.device) for part in (self.place, self.source, self.share)
+        """Values `[D, C]` with those of missing pairs interpolated."""
+        pair, neighbour, weight = (
+            part.to(values.device) for part in (self.pair, self.neighbour, self.weight)
         )
-        near = torch.einsum("mn,mnc->mc", share.to(values), values[source])
-        return values.index_copy(0, place, near)
+        found = torch.einsum("mn,mnc->mc", weight.to(values), values[neighbour])
+        return values.index_copy(0, pair, found)

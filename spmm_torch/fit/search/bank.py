@@ -1,4 +1,4 @@
-"""A fixed bank of candidate lobes, from which every search starts."""
+"""The bank: fixed candidate lobes that every search starts from."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ...lobes.grid import DirectionGrid
 
 Shapes = Mapping[str, Sequence[tuple[float, ...]]]
 SHAPES: Shapes = {model.name: model.shapes for model in REGISTRY}
-# Worth trying only right at a peak.
+# Shapes of narrow lobes, tried only where values peak.
 PEAK_SHAPES: Shapes = {model.name: model.peak_shapes for model in REGISTRY if model.peak_shapes}
 
 
 @dataclass(frozen=True)
 class Bank:
-    """Candidate lobes and their unit-norm values.
+    """A candidate lobes and their values.
 
     Attributes:
-        lobes: A lobes.
+        lobes: the candidates.
         coordinates: their search coordinates, `[A, P]`.
         atoms: values on all pairs, each of unit norm, `[A, D]`.
     """
@@ -34,7 +34,7 @@ class Bank:
     atoms: Tensor
 
     def joined(self, other: Bank) -> Bank:
-        """The lobes of both."""
+        """The candidates of both banks."""
         return Bank(
             LobeBatch.cat([self.lobes, other.lobes]),
             torch.cat((self.coordinates, other.coordinates)),
@@ -45,14 +45,21 @@ class Bank:
 def build_bank(
     grid: DirectionGrid, models: Sequence[str], normal_count: int, feasible: Feasible
 ) -> Bank:
-    """All shapes of the models at normals spread over the hemisphere, moved inside the bounds."""
+    """Candidates of all shapes of the models at normals spread evenly over the hemisphere.
+
+    Args:
+        grid: the measured pairs.
+        models: names of the models.
+        normal_count: normals besides the upright one.
+        feasible: bounds that the candidates are moved into.
+    """
     upright = torch.tensor([[0.0, 0.0, 1.0]])
     normals = torch.cat((upright, hemisphere_spiral(normal_count))).to(grid.light.device)
     return bank_at(grid, {name: SHAPES[name] for name in models}, normals, feasible)
 
 
 def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feasible) -> Bank:
-    """All `shapes` of each model at each of `normals [N, 3]`, moved inside the bounds."""
+    """Candidates of all `shapes` at each of `normals [N, 3]`, moved into the bounds."""
     batches = []
     for name, rows in shapes.items():
         for shape in rows:
@@ -65,5 +72,5 @@ def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feas
     lobes = decode(lobes.model, coordinates)
     values = grid.eval(lobes)
     norm = values.norm(dim=1)
-    visible = norm > 0.0  # a lobe may be under the horizon of every measured pair
+    visible = norm > 0.0  # False for lobes whose horizon hides every measured pair
     return Bank(lobes[visible], coordinates[visible], values[visible] / norm[visible, None])

@@ -1,7 +1,7 @@
 """Stage search, corrective: all lobes of a sample are refined together after each new one.
 
-Forward and backward steps as in the stagewise Lasso, but every step ends in a full refit of the
-weights and, by variable projection, of all normals and parameters of the sample's lobes.
+Lobes enter and leave as in the stagewise Lasso, but every step refits all weights of the sample by
+NNLS and, by variable projection, all normals and parameters of its lobes.
 """
 
 from __future__ import annotations
@@ -16,36 +16,35 @@ from ...config.fit import SearchConfig
 from ...lobes.batch import COORDINATES, Feasible, LobeBatch, decode, encode
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
 from ...runtime.progress import Advance
-from ...solvers.foba import select_corrective
-from ...solvers.multistart import StartTally, best_start
+from ...solvers.foba import select_foba
+from ...solvers.multistart import StartCounts, best_start
 from ...solvers.status import Solver
 from ...solvers.varpro import refine_mixtures
 from .bank import Bank
 from .mixtures import Mixtures
 
-# A sample whose error is this share of its energy is done: 70 dB, the rounding of float32.
-ENERGY_FLOOR = 1e-7
-# Rows that one batch of restarts should fill, and restarts at most, where none are asked for.
+# Relative error at which a sample is solved: 70 dB, the rounding of float32.
+SOLVED = 1e-7
+# Rows that one batch of restarts should fill, and most restarts, where the settings do not tell.
 BATCH_ROWS, MAX_RESTARTS = 256, 8
-# Values of slopes that are held at once: 64 MB on a CPU, 4 GB on a GPU.
-CPU_SLOPES, CUDA_SLOPES = 1 << 24, 1 << 30
-
-# Lobes are exchanged on so many samples, spread over all clusters, with many restarts each; where
-# there are more samples, they go on only while that takes this share of the error away.
+# Values of a Jacobian that are held at once: 64 MB on a CPU, 4 GB on a GPU.
+CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 24, 1 << 30
+# Samples on which lobes are exchanged, spread over all clusters, with many restarts each. If there
+# are more samples, a turn pays only while it takes this fraction of the error away.
 FEW_ROWS, LEAST_GAIN = 32, 0.03
-# Keeps the ratio of a loss to the energy of a black sample finite.
-TINY = torch.finfo(torch.float32).tiny
+# Least denominator: the energy of a black sample and the norm of an invisible lobe are 0.
+SMALLEST_NORMAL = torch.finfo(torch.float32).tiny
 
 
 @dataclass(frozen=True)
 class CorrectiveSearch:
-    """What the steps of the search share.
+    """The search of all samples.
 
     Attributes:
-        grid, bank, feasible, config: as given to the search.
+        grid, bank, feasible, config: of the stage.
         signals: `[S, C, D]`.
-        known: lobes found beforehand, which all samples may borrow.
-        tally: counts how starts and selections end.
+        known: lobes that are known beforehand, which every sample may use.
+        counts: starts and selections by how they end.
     """
 
     grid: DirectionGrid
@@ -54,7 +53,7 @@ class CorrectiveSearch:
     config: SearchConfig
     signals: Tensor
     known: LobeBatch
-    tally: StartTally = field(default_factory=StartTally)
+    counts: StartCounts = field(default_factory=StartCounts)
 
     @cached_property
     def energy(self) -> Tensor:
@@ -62,35 +61,46 @@ class CorrectiveSearch:
         return (self.signals * self.signals).sum((1, 2), dtype=torch.float64)
 
     def run(self, advance: Advance) -> Mixtures:
-        """Grows, exchanges and polishes the lobes of every sample."""
+        """Adds, refines and exchanges the lobes of every sample."""
         mixtures = self._empty()
-        self._borrow(mixtures)
-        growing = mixtures.loss > ENERGY_FLOOR * self.energy
+        self._select_from_all(mixtures)
+        self._grow(mixtures, advance)
+        self._polish(mixtures)
+        self._exchange_in_turns(mixtures, advance)
+        self._select_from_all(mixtures)
+        return mixtures
+
+    def _grow(self, mixtures: Mixtures, advance: Advance) -> None:
+        """Adds lobes to every sample until no further one pays."""
+        growing = mixtures.loss > SOLVED * self.energy
         for _ in range(self.config.max_lobes):
             rows = torch.nonzero(growing & ~mixtures.present.all(1)).squeeze(1)
             if len(rows):
                 growing[rows] = self._forward(mixtures, rows)
             advance(len(growing))
-        self._polish(mixtures)
-        idle = 0  # turns in a row that did not pay
+
+    def _exchange_in_turns(self, mixtures: Mixtures, advance: Advance) -> None:
+        """Exchanges lobes of unsolved samples, one a turn, while that pays."""
+        samples = len(self.signals)
+        idle = 0  # successive turns that did not pay
         for turn in range(self.config.exchanges):
             rows = self._unsolved(mixtures)
             few = rows[:: -(-len(rows) // FEW_ROWS) or 1]
             gain = self._exchange(mixtures, few, turn)
-            advance(len(growing))
+            advance(samples)
             idle = 0 if gain >= LEAST_GAIN else idle + 1
             if idle and (len(few) < len(rows) or idle == self.config.max_lobes):
-                advance(len(growing) * (self.config.exchanges - turn - 1))
+                advance(samples * (self.config.exchanges - turn - 1))
                 break
-        self._borrow(mixtures)
-        return mixtures
 
     def _polish(self, mixtures: Mixtures) -> None:
+        """Refines all lobes of every unsolved sample."""
         rows = self._unsolved(mixtures)
         if len(rows):
             mixtures.put(rows, self._refine(mixtures.take(rows), rows, self.config.final_steps))
 
     def _empty(self) -> Mixtures:
+        """Mixtures of all samples without lobes."""
         samples, channels, _ = self.signals.shape
         slots = self.config.max_lobes
         return Mixtures(
@@ -102,30 +112,29 @@ class CorrectiveSearch:
         )
 
     def _unsolved(self, mixtures: Mixtures) -> Tensor:
-        return torch.nonzero(mixtures.loss > ENERGY_FLOOR * self.energy).squeeze(1)
+        """Indices `[s]` of the samples that are not solved."""
+        return torch.nonzero(mixtures.loss > SOLVED * self.energy).squeeze(1)
 
     def _forward(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
-        """Adds a lobe to samples `rows [s]`; True where it paid and another may follow."""
+        """Adds a lobe to samples `rows [s]`; True `[s]` where it paid and another may follow."""
         before = mixtures.take(rows)
         after = self._add_best(before, rows)
         gain = before.loss - after.loss
-        paid = gain > torch.maximum(
-            self.config.min_gain * before.loss, ENERGY_FLOOR * self.energy[rows]
-        )
+        paid = gain > torch.maximum(self.config.min_gain * before.loss, SOLVED * self.energy[rows])
         mixtures.put(rows[paid], after.take(torch.nonzero(paid).squeeze(1)))
-        return paid & (after.loss > ENERGY_FLOOR * self.energy[rows])
+        return paid & (after.loss > SOLVED * self.energy[rows])
 
     def _exchange(self, mixtures: Mixtures, rows: Tensor, turn: int) -> float:
-        """Searches a better lobe in the place of one of each of samples `rows [s]`.
+        """Replaces one lobe of each of samples `rows [s]` where that lowers the error.
 
-        The weakest goes first, and so on by `turn`. Returns the mean share of the error that this
-        took away.
+        The weakest lobe is tried first, then the next one with each `turn`. Returns the fraction
+        of the error that this takes away, mean over the samples.
         """
         if not len(rows):
             return 0.0
         before = mixtures.take(rows)
-        share = before.weights.square().sum(2) * self._norms(before)
-        order = torch.where(before.present, share, torch.inf).argsort(1)
+        energy = before.weights.square().sum(2) * self._squared_norms(before)  # [s, M]
+        order = torch.where(before.present, energy, torch.inf).argsort(1)
         place = turn % before.present.sum(1).clamp(min=1)  # [s]
         dropped = order.gather(1, place[:, None])  # [s, 1]
         present = before.present.scatter(1, dropped, False)
@@ -136,11 +145,10 @@ class CorrectiveSearch:
         mixtures.put(rows[better], trial.take(better))
         return float((1.0 - trial.loss / before.loss).clamp(min=0.0).mean())
 
-    def _borrow(self, mixtures: Mixtures) -> None:
-        """Fits every unsolved sample anew with the lobes of all samples, and keeps what is better.
+    def _select_from_all(self, mixtures: Mixtures) -> None:
+        """Fits every unsolved sample again with the lobes of all samples; keeps better fits.
 
-        Samples of one material get stuck in different places: what one of them found frees
-        another. Lobes known beforehand are lent too.
+        Samples of one material get stuck in different local minima, so lobes of one free another.
         """
         rows = self._unsolved(mixtures)
         pool = self._pool(mixtures)
@@ -148,17 +156,17 @@ class CorrectiveSearch:
             return
         coordinates = encode(pool)
         atoms = self.grid.eval(pool)
-        atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
+        atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=SMALLEST_NORMAL)
         signals = self.signals[rows]
-        chosen = select_corrective(
+        chosen = select_foba(
             atoms @ atoms.T,
             (signals @ atoms.T).transpose(1, 2),
             self.energy[rows],
             max_lobes=self.config.max_lobes,
             min_gain=self.config.min_gain,
         )
-        self.tally.count(Solver.FOBA, chosen.status)
-        self.tally.count(Solver.NNLS, chosen.nnls_status)
+        self.counts.add_problems(Solver.FOBA, chosen.status)
+        self.counts.add_problems(Solver.NNLS, chosen.nnls_status)
         start = self._empty().take(rows)
         start.model[:] = pool.model[chosen.index.clamp(min=0)]
         start.coordinates[:] = coordinates[chosen.index.clamp(min=0)]
@@ -168,16 +176,16 @@ class CorrectiveSearch:
         mixtures.put(rows[better], trial.take(better))
 
     def _pool(self, mixtures: Mixtures) -> LobeBatch:
-        """Known lobes, then those of all samples, the best fits first; no two alike."""
-        order = (mixtures.loss / self.energy.clamp(min=TINY)).argsort(stable=True)
+        """Known lobes, then those of all samples, best fits first, of which no two are alike."""
+        order = (mixtures.loss / self.energy.clamp(min=SMALLEST_NORMAL)).argsort(stable=True)
         used = mixtures.present[order]
         own = decode(mixtures.model[order][used], mixtures.coordinates[order][used])
         lobes = LobeBatch.cat([self.known, own])
         atoms = self.grid.eval(lobes)
-        atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=TINY)
+        atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=SMALLEST_NORMAL)
         return lobes[distinct(atoms, SAME_LOBE)]
 
-    def _norms(self, mixtures: Mixtures) -> Tensor:
+    def _squared_norms(self, mixtures: Mixtures) -> Tensor:
         """Squared norm of every lobe, `[S, M]`."""
         parts = [
             self.grid.values(mixtures.model[chunk], mixtures.coordinates[chunk]).square().sum(2)
@@ -186,7 +194,7 @@ class CorrectiveSearch:
         return torch.cat(parts)
 
     def _add_best(self, mixtures: Mixtures, rows: Tensor) -> Mixtures:
-        """Mixtures with one more lobe, the best of several starts."""
+        """The mixtures of samples `rows [s]` with one more lobe, the best of several starts."""
         restarts = self.config.restarts
         if restarts is None:
             restarts = max(1, min(MAX_RESTARTS, BATCH_ROWS // len(rows)))
@@ -200,10 +208,9 @@ class CorrectiveSearch:
         return refined.take(which * len(rows) + torch.arange(len(rows), device=which.device))
 
     def _starts(self, mixtures: Mixtures, rows: Tensor, count: int) -> Tensor:
-        """Bank atoms that take away most of the remaining error, `[count, s]`, models apart.
+        """Bank lobes `[count, s]` that lower the remaining error most, the best one first.
 
-        The first is the best of all; each further one is the best of another model, and only
-        when the models run out does the list go on by score alone.
+        The best lobe of each model comes before any second one of a model.
         """
         error = self._errors(mixtures, rows)  # [s, C, D]
         score = (self.bank.atoms @ error.flatten(0, 1).T).clamp(min=0.0).square()  # [A, s C]
@@ -218,7 +225,7 @@ class CorrectiveSearch:
         return best[:count]
 
     def _errors(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
-        """What the mixtures leave of the signals `rows`, `[s, C, D]`."""
+        """Signals `rows [s]` minus their mixtures, `[s, C, D]`."""
         parts = []
         for chunk in self._chunks(len(rows)):
             rho = self.grid.values(mixtures.model[chunk], mixtures.coordinates[chunk])
@@ -227,7 +234,7 @@ class CorrectiveSearch:
         return torch.cat(parts)
 
     def _with_lobe(self, mixtures: Mixtures, slot: Tensor, atom: Tensor) -> Mixtures:
-        """The mixtures with bank lobe `atom [s]` in `slot [s]`."""
+        """The mixtures with bank lobes `atom [s]` in `slot [s]`."""
         row = torch.arange(len(slot), device=slot.device)
         model = mixtures.model.clone()
         model[row, slot] = self.bank.lobes.model[atom]
@@ -237,24 +244,22 @@ class CorrectiveSearch:
         return Mixtures(model, coordinates, present, mixtures.weights, mixtures.loss)
 
     def _refine(self, mixtures: Mixtures, rows: Tensor, steps: int) -> Mixtures:
-        """Weights, and by `steps` steps all coordinates, fit anew to the signals `rows`."""
+        """Fits weights, and by `steps` steps coordinates, to the signals `rows [s]`."""
         used = int(mixtures.present.any(0).nonzero().max()) + 1 if mixtures.present.any() else 1
         parts = []
         for chunk in self._chunks(len(rows)):
-            model = mixtures.model[chunk, :used]
+            lobes = _Lobes(self.grid, self.feasible, mixtures.model[chunk, :used])
             result = refine_mixtures(
-                lambda x, i, model=model: self.grid.values(model[i], x),
-                lambda x, i, model=model: self.grid.jacobian(model[i], x),
-                lambda x, i, model=model: self.feasible.project(
-                    model[i].reshape(-1), x.flatten(0, 1)
-                ).view_as(x),
+                lobes.values,
+                lobes.jacobian,
+                lobes.project,
                 mixtures.coordinates[chunk, :used],
                 mixtures.present[chunk, :used],
                 self.signals[rows[chunk]],
                 iterations=steps,
                 tolerance=self.config.tolerance,
             )
-            self.tally.add({Solver.VARPRO: result.status})
+            self.counts.add_starts({Solver.VARPRO: result.status})
             parts.append(result)
         coordinates, weights = mixtures.coordinates.clone(), torch.zeros_like(mixtures.weights)
         coordinates[:, :used] = torch.cat([part.coordinates for part in parts])
@@ -263,8 +268,37 @@ class CorrectiveSearch:
         return Mixtures(mixtures.model, coordinates, mixtures.present, weights, loss)
 
     def _chunks(self, rows: int) -> list[slice]:
-        """Slices of samples whose slopes fit the memory."""
-        budget = CUDA_SLOPES if self.signals.is_cuda else CPU_SLOPES
+        """Slices of samples whose Jacobian fits the memory."""
+        budget = CUDA_JACOBIAN_VALUES if self.signals.is_cuda else CPU_JACOBIAN_VALUES
         values = self.config.max_lobes * COORDINATES * self.grid.pair_count
         size = max(1, budget // values)
         return [slice(i, min(i + size, rows)) for i in range(0, rows, size)]
+
+
+@dataclass(frozen=True)
+class _Lobes:
+    """Lobes of given models as functions of their coordinates, for `refine_mixtures`.
+
+    Every method takes coordinates `[s, M, P]` of the mixtures `rows [s]`.
+
+    Attributes:
+        grid, feasible: of the stage.
+        model: `[S, M]`.
+    """
+
+    grid: DirectionGrid
+    feasible: Feasible
+    model: Tensor
+
+    def values(self, coordinates: Tensor, rows: Tensor) -> Tensor:
+        """rho `[s, M, D]`."""
+        return self.grid.values(self.model[rows], coordinates)
+
+    def jacobian(self, coordinates: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """rho `[s, M, D]` and d rho / d coordinates `[s, M, P, D]`."""
+        return self.grid.jacobian(self.model[rows], coordinates)
+
+    def project(self, coordinates: Tensor, rows: Tensor) -> Tensor:
+        """The nearest feasible coordinates `[s, M, P]`."""
+        model = self.model[rows].reshape(-1)
+        return self.feasible.project(model, coordinates.flatten(0, 1)).view_as(coordinates)

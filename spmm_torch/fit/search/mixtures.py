@@ -1,4 +1,4 @@
-"""The lobes of several samples while a search changes them."""
+"""The mixtures of lobes that a search refines."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Mixtures:
-    """Lobes of S samples, M at most each.
+    """Mixtures of S samples, at most M lobes each.
 
     Attributes:
-        model: `[S, M]`.
+        model: index into `MODEL_NAMES`, `[S, M]`.
         coordinates: search coordinates `[S, M, P]`.
         present: `[S, M]`, False for padding.
         weights: `[S, M, C]`.
@@ -26,14 +26,14 @@ class Mixtures:
     loss: Tensor
 
     def take(self, rows: Tensor) -> Mixtures:
-        """The mixtures of some samples."""
+        """The mixtures of samples `rows [s]`."""
         return Mixtures(*(part[rows] for part in self.tensors()))
 
     def put(self, rows: Tensor, other: Mixtures) -> None:
-        """Overwrites the mixtures of some samples in place."""
+        """Overwrites the mixtures of samples `rows [s]` in place."""
         for mine, theirs in zip(self.tensors(), other.tensors(), strict=True):
             mine[rows] = theirs
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """All parts in their order."""
+        """All fields in their order, `[S, ...]` each."""
         return self.model, self.coordinates, self.present, self.weights, self.loss

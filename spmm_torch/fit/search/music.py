@@ -1,9 +1,15 @@
-"""Lobes by the space that signals span: exact where few lobes made all of them.
+"""MUSIC: lobes that lie in the subspace of the signals, exact where few lobes make all signals.
 
 N signals that are sums of r < N lobes span r dimensions, and each of those lobes lies in that
-space. So every lobe can be sought alone, as a zero of its distance from the space (MUSIC [Schmidt
-1986]), where a search for whole mixtures gets stuck between several. Measured materials span
-every dimension: for them this search ends at once and finds nothing.
+signal subspace. Each lobe is therefore a zero of its distance from the subspace [Sch86] and can be
+sought alone, where a search for whole mixtures gets stuck in local minima. Measured materials span
+every dimension: for them the search ends at once and finds nothing.
+
+References:
+    [Sch86] Ralph O. Schmidt, Multiple Emitter Location and Signal Parameter Estimation, IEEE
+        Transactions on Antennas and Propagation 34(3), 276-280, 1986.
+    [ML99] John C. Mosher, Richard M. Leahy, Source Localization Using Recursively Applied and
+        Projected (RAP) MUSIC, IEEE Transactions on Signal Processing 47(2), 332-340, 1999.
 """
 
 from __future__ import annotations
@@ -19,29 +25,29 @@ from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
 from ...solvers.varpro import DAMPING_START, damped_step, next_damping
 from .bank import PEAK_SHAPES, Bank, bank_at
 
-# Signals span few dimensions if the energy of all further ones is this share at most (50 dB), if
-# it falls by this factor behind the last one, and if there are this many signals a dimension.
-LEAST_REST, LEAST_DROP, LEAST_SIGNALS = 1e-5, 30.0, 2
-# Squared distance from the space, of a lobe of unit norm, at which the lobe lies in it (50 dB).
+# Signals span r dimensions if the others hold at most this fraction of the energy (50 dB), if the
+# energy falls by at least this factor behind the last one, and with this many signals a dimension.
+MOST_REST, LEAST_DROP, LEAST_SIGNALS = 1e-5, 30.0, 2
+# Squared distance from the subspace under which a lobe of unit norm lies in it (50 dB).
 INSIDE = 1e-5
-# Where the distance of a lobe from the space cannot be told from rounding.
+# Squared distance from the subspace that is rounding.
 EXACT = 1e-10
-# Starts: the best of the bank for each model, no two of them more alike than this.
-CANDIDATES, STARTS, START_LIKENESS = 400, 48, 0.97
+# For each model: bank lobes that are compared, starts among them, largest correlation of starts.
+CANDIDATES, STARTS, START_CORRELATION = 400, 48, 0.97
 STEPS, ROUNDS = 24, 4
-# Pairs of most weight at which narrow lobes are tried.
+# Pairs of most energy at which narrow lobes are tried.
 PEAKS = 64
-# Least part of a lobe that those found before must leave: what is smaller is rounding.
-TINY = 1e-4
+# Least squared norm that is left of a lobe without those found before: less is rounding.
+LEAST_NORM = 1e-4
 
 
 @dataclass(frozen=True)
-class SpanSearch:
-    """What the search shares.
+class MusicSearch:
+    """The search for lobes in a signal subspace [Sch86].
 
     Attributes:
         grid, bank, feasible: of the stage.
-        space: orthonormal rows that span the signals, `[r, D]`.
+        space: orthonormal rows that span the subspace, `[r, D]`.
     """
 
     grid: DirectionGrid
@@ -50,7 +56,7 @@ class SpanSearch:
     space: Tensor
 
     def run(self) -> LobeBatch:
-        """Lobes that lie in the space, no two alike."""
+        """Lobes that lie in the subspace, no two alike."""
         model = self.space.new_zeros(0, dtype=torch.long)
         coordinates = self.space.new_zeros(0, COORDINATES)
         for _ in range(ROUNDS if len(self.space) else 0):
@@ -70,27 +76,27 @@ class SpanSearch:
         return decode(model, coordinates)
 
     def _atoms(self, model: Tensor, coordinates: Tensor) -> Tensor:
-        """Lobes of unit norm, `[J, D]`."""
+        """Values of lobes, of unit norm, `[J, D]`."""
         values = self.grid.eval(decode(model, coordinates))
         return values / values.norm(dim=1, keepdim=True)
 
     def _starts(self, basis: Tensor) -> Tensor:
-        """Bank lobes nearest to the part of the space that `basis [J, D]` leaves."""
+        """Indices `[N]` of the bank lobes nearest to the subspace without `basis [J, D]`."""
         along = (self.bank.atoms @ basis.T).square().sum(1)
         inside = (self.bank.atoms @ self.space.T).square().sum(1) - along
-        score = (inside / (1.0 - along).clamp(min=TINY)).clamp(max=1.0)
+        score = (inside / (1.0 - along).clamp(min=LEAST_NORM)).clamp(max=1.0)
         chosen = []
         for _, own in self.bank.lobes.by_model():
             best = own[score[own].argsort(descending=True)[:CANDIDATES]]
-            kept = distinct(self.bank.atoms[best], START_LIKENESS)[:STARTS]
+            kept = distinct(self.bank.atoms[best], START_CORRELATION)[:STARTS]
             chosen.append(best[kept])
         return torch.cat(chosen)
 
     def _descend(self, model: Tensor, start: Tensor, basis: Tensor) -> tuple[Tensor, Tensor]:
         """Coordinates `[J, P]` and squared distances `[J]` at the nearest minima.
 
-        What lies along the lobes found before, `basis`, is taken out of every lobe: or those
-        would attract all others [recursively applied and projected MUSIC, Mosher and Leahy 1999].
+        Every lobe is projected on the complement of the lobes found before, `basis`, which would
+        attract all others [ML99].
         """
         coordinates = start.clone()
         distance = self._distance(model, start, basis)
@@ -100,7 +106,7 @@ class SpanSearch:
             if not len(rows):
                 break
             own = model[rows]
-            step = damped_step(*self._slopes(own, coordinates[rows], basis), damping[rows])
+            step = damped_step(*self._derivatives(own, coordinates[rows], basis), damping[rows])
             trial = self.feasible.project(own, coordinates[rows] + step.to(start.dtype))
             there = self._distance(own, trial, basis)
             better = there < distance[rows]
@@ -110,31 +116,34 @@ class SpanSearch:
         return coordinates, distance
 
     def _distance(self, model: Tensor, coordinates: Tensor, basis: Tensor) -> Tensor:
+        """Squared distances `[J]` of projected lobes of unit norm from the subspace."""
         atoms = _without(self._atoms(model, coordinates), basis)
-        rest = atoms.square().sum(1, dtype=torch.float64).clamp(min=TINY)
+        rest = atoms.square().sum(1, dtype=torch.float64).clamp(min=LEAST_NORM)
         outside = _without(atoms, self.space)
         return outside.square().sum(1, dtype=torch.float64) / rest
 
-    def _slopes(self, model: Tensor, coordinates: Tensor, basis: Tensor) -> tuple[Tensor, Tensor]:
-        """Hessian (Gauss-Newton) `[J, P, P]` and gradient `[J, P]` of half the distance."""
+    def _derivatives(
+        self, model: Tensor, coordinates: Tensor, basis: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Hessian (Gauss-Newton) `[J, P, P]` and gradient `[J, P]` of half the squared distance."""
         parts = self.grid.jacobian(model[:, None], coordinates[:, None])
-        rho, slope = (_without(part[:, 0], basis) for part in parts)  # [J, D], [J, P, D]
+        rho, jacobian = (_without(part[:, 0], basis) for part in parts)  # [J, D], [J, P, D]
         norm = rho.norm(dim=1)
-        atoms, slope = rho / norm[:, None], slope / norm[:, None, None]
-        slope = slope - (slope @ atoms[..., None]) * atoms[:, None]  # of lobes of unit norm
-        inner = slope @ self.space.T  # [J, P, r]
-        hessian = slope @ slope.transpose(1, 2) - inner @ inner.transpose(1, 2)
-        gradient = slope @ _without(atoms, self.space)[..., None]
+        atoms, jacobian = rho / norm[:, None], jacobian / norm[:, None, None]
+        jacobian = jacobian - (jacobian @ atoms[..., None]) * atoms[:, None]  # at unit norm
+        inner = jacobian @ self.space.T  # [J, P, r]
+        hessian = jacobian @ jacobian.transpose(1, 2) - inner @ inner.transpose(1, 2)
+        gradient = jacobian @ _without(atoms, self.space)[..., None]
         return hessian.double(), gradient.squeeze(-1).double()
 
 
 def _without(values: Tensor, basis: Tensor) -> Tensor:
-    """Rows `[..., D]` without what lies along orthonormal rows `basis [J, D]`."""
+    """Rows `[..., D]` projected on the complement of orthonormal rows `basis [J, D]`."""
     return values - (values @ basis.T) @ basis
 
 
-def spanned_space(signals: Tensor) -> Tensor:
-    """Orthonormal rows `[r, D]` that span signals `[N, D]`; none if those fill every dimension."""
+def signal_subspace(signals: Tensor) -> Tensor:
+    """Orthonormal rows `[r, D]` that span signals `[N, D]`; none where r is not far under N."""
     norm = signals.norm(dim=1)
     signals = signals[norm > 0.0] / norm[norm > 0.0, None]
     gram = signals.double() @ signals.double().T
@@ -143,7 +152,7 @@ def spanned_space(signals: Tensor) -> Tensor:
     most = len(energy) // LEAST_SIGNALS
     rest = 1.0 - energy.cumsum(0)[:most] / energy.sum()  # behind 1, 2, ... dimensions
     drop = energy[:most] / energy[1 : most + 1]
-    drop = torch.where(rest <= LEAST_REST, drop, 0.0)
+    drop = torch.where(rest <= MOST_REST, drop, 0.0)
     if not len(drop) or float(drop.max()) < LEAST_DROP:
         return signals[:0]
     rank = int(drop.argmax()) + 1
@@ -151,24 +160,21 @@ def spanned_space(signals: Tensor) -> Tensor:
     return rows.to(signals.dtype)
 
 
-def spanned_lobes(
-    signals: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible
-) -> LobeBatch:
-    """Lobes in the space that signals `[N, D]` span; none if that is not a small one."""
-    space = spanned_space(signals)
+def music_lobes(signals: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible) -> LobeBatch:
+    """Lobes in the subspace of signals `[N, D]` [Sch86]; none where that is not a small one."""
+    space = signal_subspace(signals)
     if len(space):
         bank = bank.joined(_peaks(space, grid, bank, feasible))
-    return SpanSearch(grid, bank, feasible, space).run()
+    return MusicSearch(grid, bank, feasible, space).run()
 
 
 def _peaks(space: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible) -> Bank:
-    """Narrow lobes about the half vectors of the pairs that weigh most in the space.
+    """Candidates of narrow lobes whose normals are the half vectors of the pairs of most leverage.
 
-    A lobe so narrow that few pairs see it fills the space at its peak, and no fixed bank of
-    normals comes near enough.
+    A lobe that few pairs see peaks between the normals of any fixed bank.
     """
-    weight = space.square().sum(0)  # the leverage of each pair, [D]
-    light, view = grid.at(weight.topk(min(PEAKS, len(weight))).indices)
+    leverage = space.square().sum(0)  # [D]
+    light, view = grid.at(leverage.topk(min(PEAKS, len(leverage))).indices)
     half = torch.nn.functional.normalize(light + view, dim=1)
     used = {MODEL_NAMES[index] for index, _ in bank.lobes.by_model()}
     shapes = {name: rows for name, rows in PEAK_SHAPES.items() if name in used}

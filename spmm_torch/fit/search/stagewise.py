@@ -1,13 +1,12 @@
-"""Stage search, stagewise: the paper's infinite-dictionary stagewise Lasso [WDR11 §3.2, ZY07].
+"""Stage search, stagewise: the Lasso with an infinite dictionary of the paper [WDR11 §3.2, ZY07].
 
-Every iteration searches the lobe best correlated with what is left of each sample and channel
-(Eq. 5), keeps the channel that correlates best, and moves weights by eta, forward or backward.
-All samples, channels, models and starts are one batch.
+Every iteration finds the lobe that correlates best with the residual of each sample and channel
+(Eq. 5), keeps that of the channel with the highest correlation, and moves weights by eta, forward
+or backward. All samples, channels, models and starts are one batch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
@@ -16,50 +15,50 @@ from torch import Tensor
 from ...config.fit import SearchConfig, StagewiseConfig
 from ...lobes.batch import COORDINATES, Feasible, decode
 from ...lobes.grid import SAME_LOBE, DirectionGrid
+from ...runtime.progress import Advance
 from ...solvers.adam import minimize_adam
 from ...solvers.lbfgs import OptimizeResult, minimize_lbfgs
-from ...solvers.multistart import StartTally
+from ...solvers.multistart import StartCounts
+from ...solvers.stagewise_lasso import STEP_TOLERANCE, THRESHOLD_SLACK
 from ...solvers.status import Solver, Status, worst_status
 from .bank import Bank
 from .mixtures import Mixtures
 
-# xi of [ZY07] in units of eta^2, above the rounding of float32.
-STEP_TOLERANCE = 1e-3
-# Direction pairs are drawn by energy with this share of uniform draws, so that dark pairs count.
-UNIFORM_SHARE = 0.3
-# First length of Adam's steps, in search coordinates (parameters run from 0 to 1).
+# Fraction of the direction pairs that is drawn uniformly rather than by energy, for dark pairs.
+UNIFORM_FRACTION = 0.3
+# First length of the steps of Adam, in search coordinates (parameters run from 0 to 1).
 LEARNING_RATE = 0.05
-# Squared norm under which a lobe is not visible on the drawn pairs.
-NORM_EPS = 1e-12
+# Least denominator, such as the norm of a lobe that no pair sees.
+LEAST_DENOMINATOR = 1e-12
+# Added to a squared norm, whose root then has a finite gradient.
+ROOT_RIDGE = 1e-12
 # (lobe, pair) values that Eq. 5 holds at once with their gradients.
 CPU_VALUES, CUDA_VALUES = 1 << 22, 1 << 27
-
-Advance = Callable[[int], None]
 
 
 @dataclass
 class _Path:
-    """The growing lobes of S samples; M slots."""
+    """The lobes of S samples on the path, in M slots."""
 
     model: Tensor  # [S, M]
     coordinates: Tensor  # [S, M, P]
     atoms: Tensor  # [S, M, D], unit norm
     weights: Tensor  # [S, C, M], multiples of eta
-    count: Tensor  # [S] slots in use
-    penalty: Tensor  # [S] lambda
-    running: Tensor  # [S]
+    count: Tensor  # [S], slots in use
+    penalty: Tensor  # [S], lambda
+    running: Tensor  # [S] bool
 
 
 @dataclass(frozen=True)
 class StagewiseSearch:
-    """What the iterations share.
+    """The paths of all samples [WDR11 §3.2].
 
     Attributes:
-        grid, bank, feasible, config, stagewise: as given to the search.
+        grid, bank, feasible, config, stagewise: of the stage.
         signals: `[S, C, D]`.
-        pairs: direction pairs on which Eq. 5 is climbed, `[S, N]`, drawn by energy.
-        importance: square roots of their weights, `[S, N]`, that keep inner products unbiased.
-        tally: counts how starts and paths end.
+        pairs: direction pairs on which Eq. 5 is optimized, `[S, N]`, drawn by energy.
+        importance: 1 / sqrt(N probability) of each, `[S, N]`: keeps inner products unbiased.
+        counts: starts and paths by how they end.
     """
 
     grid: DirectionGrid
@@ -70,7 +69,7 @@ class StagewiseSearch:
     signals: Tensor
     pairs: Tensor
     importance: Tensor
-    tally: StartTally = field(default_factory=StartTally)
+    counts: StartCounts = field(default_factory=StartCounts)
 
     @classmethod
     def build(
@@ -83,19 +82,25 @@ class StagewiseSearch:
         signals: Tensor,
         generator: torch.Generator,
     ) -> StagewiseSearch:
-        """Draws the pairs: uniform draws alone would miss the specular peaks."""
+        """A search on drawn pairs; uniform draws alone would miss the specular peaks.
+
+        Args:
+            grid, bank, feasible, config, stagewise: of the stage.
+            signals: `[S, C, D]`.
+            generator: draws the pairs.
+        """
         energy = signals.square().sum(1)  # [S, D]
-        share = energy / energy.sum(1, keepdim=True).clamp(min=NORM_EPS)
-        chance = (UNIFORM_SHARE / grid.pair_count + (1.0 - UNIFORM_SHARE) * share).cpu()
-        drawn = torch.multinomial(chance, config.pairs, replacement=True, generator=generator)
-        chosen = chance.gather(1, drawn)
-        importance = (config.pairs * chosen).rsqrt()
+        by_energy = energy / energy.sum(1, keepdim=True).clamp(min=LEAST_DENOMINATOR)
+        probability = UNIFORM_FRACTION / grid.pair_count + (1.0 - UNIFORM_FRACTION) * by_energy
+        probability = probability.cpu()
+        drawn = torch.multinomial(probability, config.pairs, replacement=True, generator=generator)
+        importance = (config.pairs * probability.gather(1, drawn)).rsqrt()
         device = signals.device
         drawn, importance = drawn.to(device), importance.to(device)
         return cls(grid, bank, feasible, config, stagewise, signals, drawn, importance)
 
     def run(self, advance: Advance) -> Mixtures:
-        """Follows the path of every sample to lambda_min, then drops weights under 2 eta."""
+        """Follows the path of every sample down to lambda_min, then drops weights under 2 eta."""
         samples, channels, width = self.signals.shape
         norm = self.signals.square().sum((1, 2)).sqrt()  # [S]
         eta = self.stagewise.eta * self.signals.norm(dim=2)  # [S, C]
@@ -109,10 +114,10 @@ class StagewiseSearch:
             advance(before - int(path.running.sum()))
         advance(int(path.running.sum()))
         none = torch.zeros_like(path.running)
-        self.tally.count(
+        self.counts.add_problems(
             Solver.STAGEWISE_LASSO, worst_status(~path.running, none, ~norm.isfinite())
         )
-        kept = (path.weights >= 2.0 * eta[..., None] * (1.0 - STEP_TOLERANCE)).any(1)
+        kept = (path.weights >= 2.0 * eta[..., None] * (1.0 - THRESHOLD_SLACK)).any(1)
         error = self.signals - path.weights @ path.atoms
         return Mixtures(
             path.model,
@@ -139,9 +144,9 @@ class StagewiseSearch:
         rows = torch.nonzero(path.running).squeeze(1)
         error = self.signals[rows] - path.weights[rows] @ path.atoms[rows]  # [s, C, D]
         step = eta[rows]  # [s, C]
-        slope = path.atoms[rows] @ error.transpose(1, 2)  # [s, M, C]
+        correlation = path.atoms[rows] @ error.transpose(1, 2)  # [s, M, C]
         active = path.weights[rows].transpose(1, 2) > 0.5 * step[:, None]  # [s, M, C]
-        rise = ((2.0 * step[:, None] * slope + step[:, None] ** 2) * active).sum(2)
+        rise = ((2.0 * step[:, None] * correlation + step[:, None] ** 2) * active).sum(2)
         length = (step[:, None] * active).sum(2)  # [s, M]
         slack = STEP_TOLERANCE * step.square().sum(1)
         change = torch.where(length > 0.0, rise - path.penalty[rows, None] * length, torch.inf)
@@ -152,10 +157,10 @@ class StagewiseSearch:
         if not len(rows):
             return
         slot = self._find(path, rows, error)
-        slope = torch.einsum("sd,scd->sc", path.atoms[rows, slot], error)
-        fall = 2.0 * step * slope - step * step  # [s, C]
+        correlation = torch.einsum("sd,scd->sc", path.atoms[rows, slot], error)
+        fall = 2.0 * step * correlation - step * step  # [s, C]
         stepped = step * (fall > 0.0)
-        penalty = (fall.clamp(min=0.0).sum(1) - slack) / stepped.sum(1).clamp(min=NORM_EPS)
+        penalty = (fall.clamp(min=0.0).sum(1) - slack) / stepped.sum(1).clamp(min=LEAST_DENOMINATOR)
         penalty = torch.minimum(path.penalty[rows], penalty)
         going = (stepped.sum(1) > 0.0) & (penalty > lambda_min[rows])
         self._move(path, rows[going], slot[going], stepped[going])
@@ -169,18 +174,17 @@ class StagewiseSearch:
         path.weights[rows, :, slot] = moved.clamp(min=0.0)
 
     def _find(self, path: _Path, rows: Tensor, error: Tensor) -> Tensor:
-        """Slots `[s]` of the lobes best correlated with `error [s, C, D]`, made where new."""
+        """Slots `[s]` of the lobes that correlate best with `error [s, C, D]`, filled if new."""
         model, coordinates = self._search(rows, error)
         lobes = decode(model.reshape(-1), coordinates)
         values = self.grid.eval(lobes)  # [s C, D]
-        values = values / values.norm(dim=1, keepdim=True).clamp(min=NORM_EPS)
+        values = values / values.norm(dim=1, keepdim=True).clamp(min=LEAST_DENOMINATOR)
         values = values.view_as(error)
-        # Each channel on its own; the one with the best correlation gives the lobe [WDR11 §3.2].
-        match = (values * error).sum(2) / error.norm(dim=2).clamp(min=NORM_EPS)
+        # Channels are searched apart; that of the best correlation gives the lobe [WDR11 §3.2].
+        match = (values * error).sum(2) / error.norm(dim=2).clamp(min=LEAST_DENOMINATOR)
         channel = match.argmax(1)  # [s]
         atom = _at(values, channel)  # [s, D]
-        likeness = torch.einsum("smd,sd->sm", path.atoms[rows], atom)
-        nearest, slot = likeness.max(1)
+        nearest, slot = torch.einsum("smd,sd->sm", path.atoms[rows], atom).max(1)
         full = path.count[rows] == path.atoms.shape[1]
         known = (nearest > SAME_LOBE) | full
         slot = torch.where(known, slot, path.count[rows].clamp(max=path.atoms.shape[1] - 1))
@@ -194,9 +198,9 @@ class StagewiseSearch:
         return slot
 
     def _search(self, rows: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """Eq. 5 for every sample and channel: (model `[s, C]`, coordinates `[s C, P]`).
+        """The lobe of Eq. 5 of every sample and channel: (model `[s, C]`, coordinates `[s C, P]`).
 
-        The bank gives the start of every model; the winner is judged on all direction pairs.
+        Each model starts from its best bank lobe. Models are compared on all direction pairs.
         """
         signals = error.flatten(0, 1)  # [s C, D]
         score = self.bank.atoms @ signals.T  # [A, s C]
@@ -208,7 +212,7 @@ class StagewiseSearch:
             model = torch.full_like(best_model, index)
             found = self._climb(model, start, rows, error)
             value = self._correlation(model, found, signals)
-            kept = self._correlation(model, start, signals)  # the draw of pairs may mislead
+            kept = self._correlation(model, start, signals)  # better if the drawn pairs mislead
             found = torch.where((value >= kept)[:, None], found, start)
             value = torch.where(value >= kept, value, kept)  # False for NaN
             better = value > best_value
@@ -218,12 +222,12 @@ class StagewiseSearch:
         return best_model.view(error.shape[:2]), best
 
     def _correlation(self, model: Tensor, coordinates: Tensor, signals: Tensor) -> Tensor:
-        """<rho, mu> / ||rho|| on all pairs, `[R]`."""
+        """<rho, mu> / ||rho|| on all pairs, `[R]`: Eq. 5 but for the norm of the signal mu."""
         rho = self.grid.eval(decode(model, coordinates))
-        return (rho * signals).sum(1) / rho.norm(dim=1).clamp(min=NORM_EPS)
+        return (rho * signals).sum(1) / rho.norm(dim=1).clamp(min=LEAST_DENOMINATOR)
 
     def _climb(self, model: Tensor, start: Tensor, rows: Tensor, error: Tensor) -> Tensor:
-        """Adam, then L-BFGS, each row a problem of its own, on the drawn pairs."""
+        """Coordinates `[R, P]` optimized row by row on the drawn pairs: Adam, then L-BFGS."""
         channels = error.shape[1]
         budget = CUDA_VALUES if error.is_cuda else CPU_VALUES
         size = max(1, budget // (self.config.pairs * channels)) * channels
@@ -236,8 +240,7 @@ class StagewiseSearch:
             importance = self.importance[rows[samples]]
             target = error[samples, channel].gather(1, pairs) * importance
             problem = _Correlation(self.grid, model[chunk], pairs, importance, target)
-            feasible = self.feasible
-            project = _Projection(feasible, model[chunk])
+            project = _Projection(self.feasible, model[chunk])
             climbed = minimize_adam(
                 problem,
                 start[chunk],
@@ -246,14 +249,14 @@ class StagewiseSearch:
                 learning_rate=LEARNING_RATE,
             )
             result = minimize_lbfgs(problem, climbed.x, project, iterations=self.config.lbfgs_steps)
-            self.tally.add({Solver.ADAM: climbed.status, Solver.LBFGS: result.status})
+            self.counts.add_starts({Solver.ADAM: climbed.status, Solver.LBFGS: result.status})
             parts.append(_or_start(result, start[chunk]))
         return torch.cat(parts)
 
 
 @dataclass(frozen=True)
 class _Projection:
-    """Feasible coordinates of rows of given models."""
+    """Projection of coordinates `[R, P]` of lobes of `model [R]` on the bounds."""
 
     feasible: Feasible
     model: Tensor
@@ -264,12 +267,12 @@ class _Projection:
 
 @dataclass(frozen=True)
 class _Correlation:
-    """Minus Eq. (5) of R rows on their own N pairs, and its gradient.
+    """Minus the objective of Eq. 5 of R rows, each on its own N pairs, and its gradient.
 
     Attributes:
         model: `[R]`.
         pairs, importance: `[R, N]`.
-        target: what is left of the signal there, times importance, `[R, N]`.
+        target: residual of the signal on these pairs, times importance, `[R, N]`.
     """
 
     grid: DirectionGrid
@@ -282,8 +285,8 @@ class _Correlation:
         with torch.enable_grad():
             x = coordinates.detach().requires_grad_()
             rho = self.grid.eval_at(decode(self.model, x), self.pairs) * self.importance
-            norm = (rho.square().sum(1) + NORM_EPS).sqrt()
-            size = self.target.norm(dim=1).clamp(min=NORM_EPS)
+            norm = (rho.square().sum(1) + ROOT_RIDGE).sqrt()
+            size = self.target.norm(dim=1).clamp(min=LEAST_DENOMINATOR)
             value = -(rho * self.target).sum(1) / (norm * size)  # Eq. (5)
             (gradient,) = torch.autograd.grad(value.sum(), x)
         return value.detach(), gradient
@@ -295,5 +298,5 @@ def _at(values: Tensor, index: Tensor) -> Tensor:
 
 
 def _or_start(result: OptimizeResult, start: Tensor) -> Tensor:
-    """The optimum of each row, or its start where the optimizer met NaN or infinity."""
+    """The optimum of each row, or `start [R, P]` where the optimizer met NaN or infinity."""
     return torch.where((result.status == Status.NOT_FINITE)[:, None], start, result.x)

@@ -1,7 +1,7 @@
 """Stages select, refit and residual over all texels, cluster by cluster [WDR11 §4.1].
 
-Of a large cluster some texels, the pilot, are first fit with the lobes alone: all choose from the
-lobes that those chose, beside the residual that those left.
+In a large cluster some texels, the pilot, are fit first with the lobes alone. All texels then
+choose from the lobes of the pilot, beside the residual that the pilot leaves.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ from ...solvers.status import StatusCounts
 from ..cluster import Clusters
 from ..dictionary import Dictionary
 from ..problem import Problem
-from ..residual.errors import Tally, WeightedTally, tally_uniform
+from ..residual.errors import ClusterErrors, WeightedErrors, uniform_errors
 from ..residual.exact import exact_where_doubtful
 from ..residual.missing import MissingPairs
 from .alternate import CPU_TEXELS, SELECT_BYTES, ClusterProblem, Solution, selection_blocks
-from .products import Load, cluster_products
-from .texels import Products
+from .products import Load, Products, cluster_products
 
-# Clusters of more texels than so many pilots have one: in smaller ones it saves little.
+# A cluster has a pilot if it has more texels than this many pilots; it saves little in others.
 PILOTS = 4
 
 PRECISIONS = {"float16": torch.float16, "float32": torch.float32}
@@ -42,12 +41,12 @@ class ClusterFit:
 
     Attributes:
         index: lobes of the dictionary `[n, M]`, -1 for padding.
-        weights: `[n, M, C]`, of lobes as they are (not of unit norm).
+        weights: alpha `[n, M, C]`, of lobes that are not scaled to unit norm.
         code: the stored residual `[D, C]`.
         scale: its scale `[]`.
-        totals: squared errors of the cluster, over all measured values alike.
-        weighted: the same by weight; None where all weights are 1.
-        solvers: the problems that were solved for it, by solver and status.
+        totals: squared errors of the cluster over all measured values.
+        weighted: the same with the weights of the values; None where these are all 1.
+        solvers: problems solved, by solver and status.
     """
 
     index: Tensor
@@ -59,7 +58,7 @@ class ClusterFit:
     solvers: StatusCounts = field(default_factory=StatusCounts.none)
 
     def to_tensors(self) -> dict[str, Tensor]:
-        """For a checkpoint."""
+        """Tensors for a checkpoint: the attributes by name, sums of squares as rows `[N]`."""
         sums = {"totals": self.totals, "weighted": self.weighted}
         rows = {
             name: torch.tensor(part.row(), dtype=torch.float64)
@@ -71,7 +70,7 @@ class ClusterFit:
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> ClusterFit:
-        """From a checkpoint."""
+        """The fit of a checkpoint; see `ClusterFit.to_tensors`."""
         sums = {
             name: Totals(*tensors[name].tolist())
             for name in ("totals", "weighted")
@@ -82,15 +81,15 @@ class ClusterFit:
 
 @dataclass(frozen=True)
 class SelectStage:
-    """What the fits of all clusters share.
+    """What the fits of all clusters have in common.
 
     Attributes:
         problem: the fit.
         points: principal coordinates of the texels, `[T, P]`.
         dictionary: all lobes.
         spare: bytes that the products of a cluster may take in memory.
-        gaps: how the residual of missing pairs is found; None without any.
-        stopped: set once the result of a cluster is not wanted any more.
+        gaps: direction pairs that were not measured; None: all were.
+        stopped: set when the fit of a cluster is not needed any more.
     """
 
     problem: Problem
@@ -102,9 +101,9 @@ class SelectStage:
 
 
 def fit_texels(problem: Problem, clusters: Clusters, dictionary: Dictionary) -> list[ClusterFit]:
-    """Fits the texels of every cluster with the lobes open to it, and their residual.
+    """Fits the texels and the residual of every cluster with the lobes that it may choose.
 
-    On a CPU, several clusters at once: most steps are too small to be shared among threads.
+    A CPU works on several clusters at once, since most steps are too small for several threads.
     """
     btf, context = problem.btf, problem.context
     gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
@@ -130,16 +129,16 @@ def fit_texels(problem: Problem, clusters: Clusters, dictionary: Dictionary) -> 
         return side_by_side(work, range(len(clusters.members)), at_once, threads, done)
 
 
-def cluster_bytes(atoms: int) -> int:
-    """Memory that the fit of one cluster with so many lobes takes on a CPU, products apart."""
-    return cpu_block_bytes() + SELECT_BYTES * CPU_TEXELS * atoms
+def cluster_bytes(atom_count: int) -> int:
+    """Bytes that the fit of one cluster takes on a CPU, products apart."""
+    return cpu_block_bytes() + SELECT_BYTES * CPU_TEXELS * atom_count
 
 
 def _clusters_at_once(stage: SelectStage, clusters: int) -> tuple[int, int]:
-    """How many clusters are fit at once, and by how many threads each.
+    """(clusters that are fit at once, threads of each).
 
-    As many as there are threads, or as memory allows: how many threads work on one does not depend
-    on the memory, since sums must round the same. Processes that share every cluster keep step.
+    There are as many as threads, or as memory allows. The threads of a cluster do not depend on the
+    memory, so that sums round the same. Several ranks work on the same cluster at a time.
     """
     threads, atoms = torch.get_num_threads(), stage.dictionary.atoms
     if atoms.is_cuda or stage.problem.context.ranks.size > 1:
@@ -150,6 +149,7 @@ def _clusters_at_once(stage: SelectStage, clusters: int) -> tuple[int, int]:
 
 
 def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit:
+    """Fits the `texels [n]` of one cluster, of which every rank has a part."""
     dictionary, config = stage.dictionary, stage.problem.config
     context = stage.problem.context
     where = dictionary.choices[cluster]
@@ -163,22 +163,24 @@ def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit
     problem = _cluster_problem(stage, texels, where)
     fit = problem.solve(start).after(solvers)
     with context.watch("residual"):
-        tally = _tally(stage, own, where, problem.products, fit)
+        errors = _errors(stage, own, where, problem.products, fit)
     index, weights = _joined([pair for part in context.ranks.gather(fit.on_cpu()) for pair in part])
     lobe = torch.where(index >= 0, where.cpu()[index.clamp(min=0)], -1)  # [n, M]
     weights = weights / dictionary.norm.cpu()[lobe.clamp(min=0)][..., None]
     counts = StatusCounts(context.ranks.sum(fit.solvers.table.cpu()))
-    return ClusterFit(lobe, weights, tally.code, tally.scale, tally.totals, tally.weighted, counts)
+    return ClusterFit(
+        lobe, weights, errors.code, errors.scale, errors.totals, errors.weighted, counts
+    )
 
 
 def _pilot(generator: torch.Generator, texels: Tensor, size: int) -> Tensor:
-    """So many of a cluster's texels, at random."""
+    """`size` of the `texels [n]` of a cluster, drawn at random."""
     order = torch.randperm(len(texels), generator=generator)
     return texels[order[:size].sort().values]
 
 
 def _cluster_problem(stage: SelectStage, texels: Tensor, where: Tensor) -> ClusterProblem:
-    """The fit of this rank's share of some texels of a cluster with the lobes `where [J]`."""
+    """The fit of the `texels [n]` that this rank has, with the lobes `where [J]`."""
     problem, context = stage.problem, stage.problem.context
     with context.watch("select"):
         atoms = stage.dictionary.atoms[where]
@@ -188,7 +190,7 @@ def _cluster_problem(stage: SelectStage, texels: Tensor, where: Tensor) -> Clust
 
 
 def _passes(stage: SelectStage, texels: Tensor, weights: Weights) -> tuple[Load, list[slice]]:
-    """How to load some of `texels`, scaled by weights, and in which blocks."""
+    """The loader of weighted values of `texels [n]`, and the blocks to load."""
     btf, device = stage.problem.btf, stage.problem.device
 
     def load(part: slice) -> Tensor:
@@ -199,30 +201,30 @@ def _passes(stage: SelectStage, texels: Tensor, weights: Weights) -> tuple[Load,
     return load, list(slices(len(texels), block_texels(btf, device)))
 
 
-def _tally(
+def _errors(
     stage: SelectStage, texels: Tensor, where: Tensor, products: Products, fit: Solution
-) -> Tally:
-    """The residual and the errors of the fit of this rank's texels with atoms `where [J]`."""
+) -> ClusterErrors:
+    """The stored residual and the errors of a fit of `texels [n]` with the atoms `where [J]`."""
     problem, ranks = stage.problem, stage.problem.context.ranks
     atoms = stage.dictionary.atoms[where]
     precision = PRECISIONS[problem.config.residual.precision]
     if problem.weights.uniform:
-        errors = (fit.error, fit.taken)
-        tally = tally_uniform(products, atoms, fit.mean, errors, precision, ranks)
+        of_fit = (fit.error, fit.taken)
+        errors = uniform_errors(products, atoms, fit.mean, of_fit, precision, ranks)
         passes = _passes(stage, texels, UNIFORM)
-        return exact_where_doubtful(tally, passes, fit.fits, atoms, ranks)
+        return exact_where_doubtful(errors, passes, fit.fits, atoms, ranks)
     raw, measured = stage.dictionary.raw[where], problem.weights.measured
     measured = None if measured is None else measured.to(raw.device)
     seen = raw if measured is None else raw * measured
     plain = _products(stage, texels, seen, UNIFORM)
     scale = problem.weights.scale(atoms.device)
-    weighted = WeightedTally(products, atoms, plain, raw, scale, measured, stage.gaps)
+    weighted = WeightedErrors(products, atoms, plain, raw, scale, measured, stage.gaps)
     blocks = list(zip(selection_blocks(products), fit.fits, strict=True))
-    return weighted.tally(fit.mean, blocks, precision, ranks)
+    return weighted.of_fit(fit.mean, blocks, precision, ranks)
 
 
 def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
-    """The products of this rank's texels of a cluster, in blocks that fit the memory."""
+    """The products of `texels [n]` with `atoms [J, D]`, on disk where memory is short."""
     problem = stage.problem
     channels = problem.btf.channels
     size = 4 * len(texels) * len(atoms) * channels
@@ -242,7 +244,7 @@ def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weight
 
 
 def _joined(parts: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
-    """Index `[n, M]` and weights `[n, M, C]` of all parts, padded to the longest."""
+    """Index `[n, M]` and weights `[n, M, C]` of all parts, padded to the widest."""
     slots = max(index.shape[1] for index, _ in parts)
     pad = torch.nn.functional.pad
     index = [pad(index, (0, slots - index.shape[1]), value=-1) for index, _ in parts]

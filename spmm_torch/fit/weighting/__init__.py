@@ -1,4 +1,4 @@
-"""Where the weights of a fit come from: a scene, a file, or the compression of values."""
+"""Weights of the errors of a fit: of a scene, of a file, or of compressed values."""
 
 from .compressive import compressive_weights
 from .given import given_weights

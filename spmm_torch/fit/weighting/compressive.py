@@ -1,12 +1,16 @@
-"""Weights that make squared errors those of compressed values, about.
+"""Weights that turn squared errors into those of compressed values, approximately.
 
-Squared errors of reflectance are ruled by grazing highlights. Errors of its cube root [Low et al.
-2012, BRDF models for accurate and efficient rendering of glossy surfaces] or logarithm [Sztrajman
-et al. 2021] are not: (g(y) - g(s))^2 ~ g'(y)^2 (y - s)^2, a weighted squared error. With a weight
-for each value, every texel would have a Gram matrix of its own, and no product would be shared any
-more. So this is the separable form: the weight of a pair is g'^2 at the mean value of the pair,
-over all texels and channels. It evens out highlights against the rest, not bright texels against
-dark ones.
+Grazing highlights rule the squared error of reflectance, but not that of its cube root [LKYU12] or
+logarithm [SRRW21]: (g(y) - g(s))^2 ~ g'(y)^2 (y - s)^2 is a weighted squared error. A weight for
+each value would give every texel a Gram matrix of its own. The weights are therefore separable: a
+pair has the weight g'^2 at its mean value over all texels and channels. This balances highlights
+against other pairs, but not bright texels against dark ones.
+
+References:
+    [LKYU12] Joakim Low, Joel Kronander, Anders Ynnerman, Jonas Unger, BRDF Models for Accurate and
+        Efficient Rendering of Glossy Surfaces, ACM Transactions on Graphics 31(1), 2012.
+    [SRRW21] Alejandro Sztrajman, Gilles Rainer, Tobias Ritschel, Tim Weyrich, Neural BRDF
+        Representation and Importance Sampling, Computer Graphics Forum 40(6), 2021.
 """
 
 from __future__ import annotations
@@ -22,16 +26,16 @@ from ...runtime.ranks import ALONE, Ranks
 
 # Minus the exponent of g'(y)^2: y^(1/3) has 2 (1 - 1/3), log(y) has 2.
 EXPONENTS = {"cube-root": 4.0 / 3.0, "log": 2.0}
-# Share of the mean value that is added to all: what is darker is as good as black.
+# Fraction of the mean value that is added to all values: darker ones count as black.
 DARK = 0.01
 
 
 def compressive_weights(
     btf: BTF, error: str, device: torch.device, ranks: Ranks = ALONE
 ) -> Weights:
-    """The weights of one kind of `error`: l2 (none), cube-root or log.
+    """The weights of the setting `error`, which is l2 (no weights), cube-root or log.
 
-    Passes over all values once, but for l2.
+    The last two pass over all values once.
     """
     if error == "l2":
         return Weights(measured=btf.measured)
@@ -43,7 +47,7 @@ def compressive_weights(
 
 
 def mean_values(btf: BTF, device: torch.device, ranks: Ranks = ALONE) -> Tensor:
-    """The mean of every direction pair over texels and channels, `[D]` float64."""
+    """Mean value of every direction pair over texels and channels, `[D]` float64."""
     total = torch.zeros(btf.pair_count, dtype=torch.float64, device=device)
     blocks = list(slices(btf.texel_count, block_texels(btf, device)))
     for block in blocks[ranks.rank :: ranks.size]:

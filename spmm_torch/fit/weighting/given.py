@@ -1,4 +1,4 @@
-"""Weights that settings name: a scene, a file of any renderer, or both."""
+"""Weights of a scene, of a file, or of both, as the settings say."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ LAYOUT = "pair [views, lights] and texel [height, width], or one of them, floats
 
 
 def given_weights(btf: BTF, config: WeightsConfig) -> Weights:
-    """The weights of a BTF; of these, only errors of missing pairs count nowhere if none is named.
+    """The weights of the settings, all 1 if they name none; 0 at missing pairs.
 
     Raises:
-        ConfigError: the scene is malformed or shows nothing.
+        ConfigError: the scene is malformed or its picture is black.
         DataError: the file is missing or holds no weights for this BTF.
     """
     weights = Weights.build(btf)
@@ -38,7 +38,7 @@ def given_weights(btf: BTF, config: WeightsConfig) -> Weights:
 
 
 def weights_of_file(btf: BTF, path: Path | str) -> Weights:
-    """The weights of an NPZ with `pair [V, L]`, `texel [H, W]`, or one of them.
+    """The weights in an NPZ file with `pair [V, L]`, `texel [H, W]`, or both.
 
     Raises:
         DataError: the file is missing or malformed, or its weights do not fit the BTF.

@@ -1,11 +1,10 @@
-"""Weights by what the pictures of one scene show.
+"""Weights of texels and direction pairs by their part in the pictures of one scene.
 
-A pixel is a sum of values y_td times coefficients: how much light reaches the eye by way of texel t
-and pair d. With the coefficients c_d of an eye ray, which meets one place of the texture, the error
-that errors e_d make of it is, squared, at most (sum_d c_d) sum_d c_d e_d^2 [Cauchy-Schwarz], and
-about so much where errors of neighbouring pairs are alike. So a pair counts by its coefficient
-times the whole light, a radiance squared, summed over all eye rays, and a texel by what its pairs
-sum up to.
+An eye ray meets one place of the texture. Its radiance is a sum over pairs d of values y_d times
+coefficients c_d, the light that arrives through them. Errors e_d of the values change it by at most
+(sum_d c_d) sum_d c_d e_d^2, squared (Cauchy-Schwarz), and by about as much where neighbouring pairs
+have similar errors. The weight of a pair is therefore c_d sum_d c_d, summed over all eye rays. The
+weight of a texel is the sum over its pairs.
 """
 
 from __future__ import annotations
@@ -25,20 +24,20 @@ from ...render.points import LightNumbers
 from ...render.renderer import Light, Scene, hit_blocks, trace
 from ...runtime.memory import slices
 
-# Eye rays that are traced at once, and pixels each way beyond which weights hardly change.
+# Eye rays traced at once, and width in pixels beyond which weights hardly change.
 BLOCK_RAYS = 1 << 18
 MAX_SIZE = 256
 
 
 @torch.no_grad()
 def scene_weights(btf: BTF, scene: Scene, settings: RenderSettings, where: str) -> Weights:
-    """Weights of the texels and pairs of a BTF, of which only the header is looked at.
+    """Weights of the texels and pairs of a BTF, whose values are not read.
 
     Args:
-        btf: that is on the shape.
+        btf: material of the shape.
         scene: shape, camera and lights.
-        settings: size and samples of the pictures, and the seed.
-        where: how messages call the scene.
+        settings: size, samples and seed of the pictures.
+        where: name of the scene in messages.
 
     Raises:
         ConfigError: the camera sees nothing of the shape, or no light reaches what it sees.
@@ -58,8 +57,8 @@ def scene_weights(btf: BTF, scene: Scene, settings: RenderSettings, where: str) 
             index, coefficient = _coefficients(material, block, scene.lights, numbers)
             light = coefficient.sum(1, keepdim=True)  # [N, 1]
             pair.index_add_(0, index.flatten(), (coefficient * light).double().flatten())
-            place, share = texel_at(block.uv, btf.height, btf.width)  # [N, 4]
-            texel.index_add_(0, place.flatten(), (share * light * light).double().flatten())
+            corner, bilinear = texel_at(block.uv, btf.height, btf.width)  # [N, 4]
+            texel.index_add_(0, corner.flatten(), (bilinear * light * light).double().flatten())
     if not seen or not bool(pair.any()):
         what = (
             "its camera sees nothing of the shape" if not seen else "no light reaches what it sees"
@@ -77,7 +76,7 @@ def scene_weights(btf: BTF, scene: Scene, settings: RenderSettings, where: str) 
 def _coefficients(
     material: BTFMaterial, hits: Hits, lights: tuple[Light, ...], numbers: LightNumbers
 ) -> tuple[Tensor, Tensor]:
-    """Pairs and how much light comes by way of them, both `[N, K]`, of N hits."""
+    """Pairs and their coefficients c_d of N hits, `[N, M]` each."""
     wi, light = _lights(hits, lights, numbers)  # [N, n, 3], [N, n]
     wo = hits.wo[:, None].expand_as(wi)
     index, weight = material.pairs_at(wi, wo, wi.shape[:2])  # [N n, 9]
@@ -86,7 +85,7 @@ def _coefficients(
 
 
 def _lights(hits: Hits, lights: tuple[Light, ...], numbers: LightNumbers) -> tuple[Tensor, Tensor]:
-    """Local directions of light `[N, n, 3]` and what each brings, mean of RGB, `[N, n]`."""
+    """Local light directions `[N, n, 3]` and the light from each, mean of RGB, `[N, n]`."""
     deltas = [light for light in lights if not isinstance(light, EnvironmentLight)]
     parts = [delta_light_directions(hits, deltas)] if deltas else []
     for light in lights:

@@ -11,10 +11,11 @@ from spmm_torch.config.fit import FitConfig, SelectConfig, StagewiseConfig
 from spmm_torch.data.error_weights import Weights
 from spmm_torch.fit.cluster import cluster_texels, sample_texels
 from spmm_torch.fit.problem import Problem
-from spmm_torch.fit.residual.errors import WeightedTally
+from spmm_torch.fit.residual.errors import WeightedErrors
 from spmm_torch.fit.residual.missing import MissingPairs
-from spmm_torch.fit.select.products import cluster_products
-from spmm_torch.fit.select.texels import Fit, Products, select, target_beside_residual
+from spmm_torch.fit.select.products import Products, cluster_products
+from spmm_torch.fit.select.target import target_beside_residual
+from spmm_torch.fit.select.texels import Fit, select
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.model.residual import decode_residual
 from spmm_torch.runtime.context import Context
@@ -133,8 +134,8 @@ def test_both_errors_are_the_sums_written_out(weighs: str) -> None:
     mean = fit.total_weights(ATOMS, products.importance) / products.count
     gaps = MissingPairs.build(measured, DIRECTIONS, DIRECTIONS)
     scale = pair.sqrt()
-    tally = WeightedTally(products, scale * lobes, plain, lobes, scale, measured, gaps)
-    found = tally.tally(mean, [(slice(0, TEXELS), fit)], torch.float16, ALONE)
+    errors = WeightedErrors(products, scale * lobes, plain, lobes, scale, measured, gaps)
+    found = errors.of_fit(mean, [(slice(0, TEXELS), fit)], torch.float16, ALONE)
 
     left = values - expand(fit, lobes)
     residual = decode_residual(found.code[None], found.scale[None])[0]

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from spmm_torch.config.fit import SearchConfig
 from spmm_torch.fit.search.bank import Bank, build_bank
-from spmm_torch.fit.search.music import spanned_lobes, spanned_space
+from spmm_torch.fit.search.music import music_lobes, signal_subspace
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import COORDINATES, Feasible, LobeBatch, decode
 from spmm_torch.lobes.grid import DirectionGrid
@@ -47,8 +47,8 @@ def mixtures(seed: int, noise: float = 0.0) -> tuple[Tensor, Tensor]:
 @pytest.mark.parametrize("seed", range(2))
 def test_planted_lobes_are_found_exactly(bank: Bank, seed: int) -> None:
     signals, atoms = mixtures(seed)
-    assert len(spanned_space(signals)) == LOBES
-    found = unit(GRID.eval(spanned_lobes(signals, GRID, bank, FEASIBLE)))
+    assert len(signal_subspace(signals)) == LOBES
+    found = unit(GRID.eval(music_lobes(signals, GRID, bank, FEASIBLE)))
     likeness = found @ atoms.T
     # Every lobe that is found is a planted one, and most of them are found.
     assert float(likeness.amax(1).min()) > 0.9999
@@ -57,28 +57,28 @@ def test_planted_lobes_are_found_exactly(bank: Bank, seed: int) -> None:
 
 def test_space_holds_the_signals() -> None:
     signals, _ = mixtures(0)
-    space = spanned_space(signals)
+    space = signal_subspace(signals)
     assert torch.allclose(space @ space.T, torch.eye(LOBES), atol=1e-4)
     assert torch.allclose((signals @ space.T) @ space, signals, atol=1e-4)
 
 
 def test_half_precision_signals_still_span_few_dimensions() -> None:
     signals, _ = mixtures(1)
-    assert len(spanned_space(signals.half().float())) == LOBES
+    assert len(signal_subspace(signals.half().float())) == LOBES
 
 
 @pytest.mark.parametrize("noise", [0.003, 0.1])
 def test_noisy_signals_span_everything(bank: Bank, noise: float) -> None:
     signals, _ = mixtures(2, noise)
-    assert len(spanned_space(signals)) == 0
-    assert len(spanned_lobes(signals, GRID, bank, FEASIBLE)) == 0
+    assert len(signal_subspace(signals)) == 0
+    assert len(music_lobes(signals, GRID, bank, FEASIBLE)) == 0
 
 
 def test_few_or_black_signals_span_nothing() -> None:
     signals, _ = mixtures(0)
-    assert len(spanned_space(signals[:LOBES])) == 0
-    assert len(spanned_space(torch.zeros(8, signals.shape[1]))) == 0
-    assert len(spanned_space(signals[:0])) == 0
+    assert len(signal_subspace(signals[:LOBES])) == 0
+    assert len(signal_subspace(torch.zeros(8, signals.shape[1]))) == 0
+    assert len(signal_subspace(signals[:0])) == 0
 
 
 @pytest.mark.parametrize("seed", [1, 2])  # at these the fixed bank alone does not find it
@@ -90,5 +90,5 @@ def test_lobes_narrower_than_the_grid_are_found_at_their_peaks(bank: Bank, seed:
     atoms = unit(GRID.eval(lobes))
     generator = torch.Generator().manual_seed(5)
     signals = torch.rand(40, LOBES, generator=generator) @ atoms
-    found = unit(GRID.eval(spanned_lobes(signals, GRID, bank, FEASIBLE)))
+    found = unit(GRID.eval(music_lobes(signals, GRID, bank, FEASIBLE)))
     assert float((found @ atoms[2]).max()) > 0.9999

@@ -51,7 +51,7 @@ def test_a_pilot_of_all_texels_tells_what_the_whole_fit_finds_itself() -> None:
     whole = problem(20, 1e-4)
     start, needed, solved = whole.pilot()
     found, expected = whole.solve(start), whole.solve()
-    assert 0.0 < start.share < 1.0
+    assert 0.0 < start.weight < 1.0
     for mine, theirs in zip(found.fits, expected.fits, strict=True):
         assert torch.equal(mine.index, theirs.index) and torch.equal(mine.weights, theirs.weights)
     residual = replace(whole.config.residual, joint=False)

@@ -14,8 +14,9 @@ from torch import Tensor
 
 from spmm_torch.config.fit import SelectConfig, StagewiseConfig
 from spmm_torch.errors import OutputError
-from spmm_torch.fit.select.products import RUN, cluster_products
-from spmm_torch.fit.select.texels import Products, select, target_beside_residual
+from spmm_torch.fit.select.products import RUN, Products, cluster_products
+from spmm_torch.fit.select.target import target_beside_residual
+from spmm_torch.fit.select.texels import select
 
 TEXELS, ATOMS, PAIRS, CHANNELS = 11, 6, 40, 3
 ARRAYS = ("gram", "correlation", "energy", "overlap", "mean", "mean_correlation", "mean_energy")

@@ -4,59 +4,18 @@ from __future__ import annotations
 
 import pytest
 import torch
-from torch import Tensor
 
 from spmm_torch.config.fit import SelectConfig, StagewiseConfig
-from spmm_torch.fit.select.products import cluster_products
-from spmm_torch.fit.select.texels import (
-    Fit,
-    Products,
-    refit,
-    residual_share,
-    select,
-    squared_errors,
-    taken_by_residual,
-    target_beside_residual,
+from spmm_torch.fit.select.target import target_beside_residual
+from spmm_torch.fit.select.texels import refit, select
+from tests.fit.select.product_cases import (
+    TEXELS,
+    case,
+    chosen,
+    errors,
+    expand,
+    mean_weights,
 )
-
-TEXELS, ATOMS, PAIRS, CHANNELS = 12, 7, 60, 3
-
-
-def case(seed: int = 0) -> tuple[Tensor, Tensor, Products]:
-    generator = torch.Generator().manual_seed(seed)
-    atoms = torch.rand(ATOMS, PAIRS, generator=generator)
-    atoms = atoms / atoms.norm(dim=1, keepdim=True)
-    values = torch.rand(TEXELS, PAIRS, CHANNELS, generator=generator)
-    parts = [slice(0, 5), slice(5, TEXELS)]
-    products = cluster_products(
-        lambda p: values.transpose(1, 2)[p],
-        parts,
-        (TEXELS, CHANNELS),
-        atoms,
-        points=values.flatten(1),
-    )
-    return atoms, values, products
-
-
-def mean_weights(fit: Fit) -> Tensor:
-    """The mean weight of every atom, `[J, C]`."""
-    return fit.total_weights(ATOMS) / TEXELS
-
-
-def errors(products: Products, fit: Fit) -> tuple[Tensor, float]:
-    """(without residual, of each texel; what the residual takes away from their sum)."""
-    return squared_errors(products, fit), taken_by_residual(products, mean_weights(fit))
-
-
-def chosen(products: Products, method: str = "corrective", **settings: object) -> Fit:
-    config = SelectConfig(method=method, **settings)
-    return select(products, target_beside_residual(products, None, 0.0), config, StagewiseConfig())
-
-
-def expand(fit: Fit, atoms: Tensor) -> Tensor:
-    """D x of every texel, `[n, D, C]`."""
-    used = atoms[fit.index.clamp(min=0)] * (fit.index >= 0)[..., None]
-    return torch.einsum("nmd,nmc->ndc", used, fit.weights)
 
 
 @pytest.mark.parametrize("method", ["corrective", "stagewise"])
@@ -68,18 +27,6 @@ def test_errors_equal_the_direct_sums(method: str) -> None:
     assert torch.allclose(error.float(), left.square().sum((1, 2)), rtol=1e-4)
     with_residual = (left - left.mean(0)).square().sum()
     assert float(error.sum() - taken) == pytest.approx(float(with_residual), rel=1e-3)
-
-
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_target_equals_values_minus_residual(share: float) -> None:
-    atoms, values, products = case(1)
-    fit = chosen(products)
-    residual = (values - expand(fit, atoms)).mean(0)
-    direct = values - share * residual
-    target = target_beside_residual(products, mean_weights(fit), share)
-    expected = torch.einsum("jd,ndc->njc", atoms, direct)
-    assert torch.allclose(target.correlation, expected, atol=1e-4)
-    assert torch.allclose(target.energy.sum(1).float(), direct.square().sum((1, 2)), rtol=1e-3)
 
 
 def test_alternation_around_the_mean_never_leaves_more_than_the_mean() -> None:
@@ -102,10 +49,3 @@ def test_lobe_limit_holds_and_weights_are_not_negative(method: str) -> None:
     fit = chosen(products, method, max_lobes=2)
     assert int((fit.index >= 0).sum(1).max()) <= 2
     assert (fit.weights >= 0.0).all()
-
-
-def test_share_follows_the_errors() -> None:
-    assert residual_share(1.0, 0.0, 1000) == pytest.approx(0.5, abs=1e-3)
-    assert residual_share(1.0, 0.99, 1000) > 0.98
-    assert residual_share(1.0, 1.0, 1) == 0.0
-    assert residual_share(0.0, 0.0, 10) == 0.0
