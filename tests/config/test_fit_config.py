@@ -11,8 +11,7 @@ from spmm_torch.brdf import MODEL_NAMES, PAPER_MODELS
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.schema import describe
 from spmm_torch.errors import ConfigError
-
-CONFIGS = Path(__file__).parents[2] / "configs"
+from tests.locations import CONFIGS
 
 
 def test_defaults_are_default_yaml() -> None:

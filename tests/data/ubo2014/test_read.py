@@ -15,7 +15,7 @@ from spmm_torch.data.ubo2014.header import VARIANTS
 from spmm_torch.data.ubo2014.layout import read_layout
 from spmm_torch.errors import DataError
 from tests.data.ubo2014.planted import HEIGHT, LIGHT, VIEW, WIDTH, planted
-from tests.data.ubo2014.public_loader import load
+from tests.data.ubo2014.independent_reader import load
 
 Make = Callable[..., Path]
 
