@@ -19,7 +19,7 @@ from spmm_torch.geometry.directions import direction_from_angles
 from tests.brdf.numpy_twins import TWINS
 from tests.docs.markdown import blocks, table
 from tests.locations import DOCS
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 PAGE = DOCS / "model_format.md"
 QUERIES = 400

@@ -12,13 +12,12 @@ from torch import Tensor
 from spmm_torch import SPMM, DataError, OutputError
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import direction_from_angles, ring_directions
-from spmm_torch.lobes.batch import COORDINATES, decode
 from spmm_torch.model import spmm as model_module
-from spmm_torch.model.residual import Residual, encode_residual
-from spmm_torch.model.spmm import SparseWeights
 from spmm_torch.runtime import tensor_file
+from tests.planted.directions import random_directions
+from tests.planted.models import uneven_model
 
-HEIGHT, WIDTH, CLUSTERS = 3, 4, 2
+HEIGHT, WIDTH, CLUSTERS, NAME = 3, 4, 2, "wool · felt"
 LIGHT = ring_directions(((0.0, 1), (35.0, 6), (70.0, 10)))
 VIEW = ring_directions(((0.0, 1), (40.0, 7)))
 # Texels 0, 5 and the last have no lobes; texel 2 has them all.
@@ -26,18 +25,7 @@ COUNTS = (0, 1, len(MODEL_NAMES), 2, 3, 0, 1, 2, 4, 1, 1, 0)
 
 
 def build(counts: tuple[int, ...] = COUNTS, precision: torch.dtype = torch.float16) -> SPMM:
-    generator = torch.Generator().manual_seed(5)
-    lobe_count = len(MODEL_NAMES)
-    coordinates = 0.2 + 0.4 * torch.rand(lobe_count, COORDINATES, generator=generator)
-    index = [torch.randperm(lobe_count, generator=generator)[:count] for count in counts]
-    offset = torch.tensor([0, *counts]).cumsum(0)
-    weight = torch.rand(sum(counts), 3, generator=generator)
-    values = 0.1 * torch.randn(CLUSTERS, len(VIEW), len(LIGHT), 3, generator=generator)
-    residual = Residual(*encode_residual(values, precision), LIGHT, VIEW)
-    lobes = decode(torch.arange(lobe_count), coordinates)
-    labels = torch.arange(len(counts)) % CLUSTERS
-    weights = SparseWeights(offset, torch.cat(index), weight)
-    return SPMM(HEIGHT, WIDTH, lobes, weights, labels, residual, LIGHT, VIEW, "wool · felt")
+    return uneven_model(counts, HEIGHT, LIGHT, VIEW, CLUSTERS, precision=precision, name=NAME)
 
 
 @pytest.fixture
@@ -55,9 +43,7 @@ def all_centres() -> Tensor:
 
 
 def directions(count: int, seed: int) -> Tensor:
-    generator = torch.Generator().manual_seed(seed)
-    theta = 1.5 * torch.rand(count, generator=generator)
-    return direction_from_angles(theta, 2 * math.pi * torch.rand(count, generator=generator))
+    return random_directions(count, seed, max_theta=1.5, dtype=torch.float32)
 
 
 def direct(model: SPMM, texel: int, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
@@ -194,7 +180,7 @@ def test_round_trip(tmp_path: Path, counts: tuple[int, ...], precision: torch.dt
     model = build(counts, precision)
     (tmp_path / tensor_file.MODEL_FILE).write_bytes(model.pack())
     loaded = SPMM.load(tmp_path)
-    assert (loaded.height, loaded.width, loaded.name) == (HEIGHT, WIDTH, "wool · felt")
+    assert (loaded.height, loaded.width, loaded.name) == (HEIGHT, WIDTH, NAME)
     assert torch.equal(loaded.lobe_model, model.lobe_model)
     theirs = loaded.state_dict()
     for name, tensor in model.state_dict().items():
