@@ -92,7 +92,12 @@ class SamplingData:
 
 
 def sample(
-    data: SamplingData, texel: Tensor, share: Tensor, wo: Tensor, u: Tensor
+    data: SamplingData,
+    texel: Tensor,
+    share: Tensor,
+    wo: Tensor,
+    u: Tensor,
+    block: int = BLOCK_ENTRIES,
 ) -> tuple[Tensor, Tensor]:
     """Light directions for views of mixed texels.
 
@@ -101,21 +106,29 @@ def sample(
         share: their shares `[Q, M]`, which sum to 1.
         wo: unit view directions `[Q, 3]`.
         u: `[Q, 3]` in [0, 1).
+        block: entries of one block.
 
     Returns:
         (wi `[Q, 3]` in the upper hemisphere, its density `[Q]` as of `pdf`).
     """
-    blocks = zip(*_split(data, texel, share, wo, u), strict=True)
+    blocks = zip(*_split(data, block, texel, share, wo, u), strict=True)
     parts = [_sample_block(data, *block) for block in blocks]
     return torch.cat([wi for wi, _ in parts]), torch.cat([density for _, density in parts])
 
 
-def pdf(data: SamplingData, texel: Tensor, share: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+def pdf(
+    data: SamplingData,
+    texel: Tensor,
+    share: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+    block: int = BLOCK_ENTRIES,
+) -> Tensor:
     """Density of `sample` at wi `[Q, 3]`, per solid angle: `[Q]`.
 
     It integrates to 1 over the upper hemisphere, is above 0 all over it, and 0 under the horizon.
     """
-    blocks = zip(*_split(data, texel, share, wo, wi), strict=True)
+    blocks = zip(*_split(data, block, texel, share, wo, wi), strict=True)
     parts = [
         _density(data, _mixture(data, texel, share, wo), wi, wo) for texel, share, wo, wi in blocks
     ]
@@ -139,9 +152,11 @@ class _Mixture:
     cosine: Tensor
 
 
-def _split(data: SamplingData, texel: Tensor, *others: Tensor) -> list[tuple[Tensor, ...]]:
-    """Each tensor `[Q, ...]` in blocks of BLOCK_ENTRIES entries."""
-    size = max(1, BLOCK_ENTRIES // max(1, data.longest * texel.shape[1]))
+def _split(
+    data: SamplingData, block: int, texel: Tensor, *others: Tensor
+) -> list[tuple[Tensor, ...]]:
+    """Each tensor `[Q, ...]` in blocks of `block` entries."""
+    size = max(1, block // max(1, data.longest * texel.shape[1]))
     return [part.split(size) for part in (texel, *others)]
 
 
