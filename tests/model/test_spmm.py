@@ -267,11 +267,16 @@ def test_sampling_shapes(model: SPMM) -> None:
 
 def test_precision_of_the_process_does_not_reach_in(model: SPMM) -> None:
     """Directions rounded to bfloat16, as programs that train networks ask for, miss lobes."""
-    wi, wo = directions(1, 1), directions(1, 2)
+    wi, wo, uv = directions(1, 1), directions(1, 2), all_centres()
+    u = torch.rand(len(uv), 3, generator=torch.Generator().manual_seed(0))
     expected = torch.cat([direct(model, texel, wi, wo) for texel in range(HEIGHT * WIDTH)])
+    pairs = directions(64, 1), directions(64, 2)
+    sampled, density = model.sample(uv, wo, u), model.pdf(centre(2), *pairs)
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        for found in (model(all_centres(), wi, wo), model.picture(wi[0], wo[0]).flatten(0, 1)):
+        for found in (model(uv, wi, wo), model.picture(wi[0], wo[0]).flatten(0, 1)):
             torch.testing.assert_close(found, expected, rtol=1e-5, atol=2e-6)
+        assert all(map(torch.equal, model.sample(uv, wo, u), sampled))
+        assert torch.equal(model.pdf(centre(2), *pairs), density)
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
