@@ -5,11 +5,11 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from tests.locations import ROOT
+
 FOLDERS = ("spmm_torch", "cli", "viz")
 # A shape such as `[T, D, C]`, `[...]`, or `[]` of a scalar; or the place that tells it.
 SHAPE = re.compile(r"\[[A-Za-z0-9_.,+*\- ']*\]|see `[A-Z]\w+\.\w+`")

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from spmm_torch.geometry.directions import ring_directions
+from tests.locations import ROOT
 
-CHECKOUT = Path(__file__).parents[1]
 DIRECTIONS = ring_directions(((0.0, 1), (25.0, 8), (50.0, 12), (70.0, 16))).numpy()
 SIDE = 64
 GROWTH = 1.15
@@ -72,7 +72,7 @@ def test_peak_memory_is_flat(tmp_path: Path) -> None:
         arguments = [str(part) for part in (source, run, cache, "configs/smoke.yaml")]
         process = subprocess.run(
             [sys.executable, str(tmp_path / "driver.py"), *arguments],
-            cwd=CHECKOUT,
+            cwd=ROOT,
             env={**os.environ, "OMP_NUM_THREADS": "1"},
             capture_output=True,
             text=True,

@@ -55,16 +55,16 @@ def entry_key(parts: Iterable[object]) -> str:
     return digest.hexdigest()
 
 
-def file_hash(path: Path) -> str:
-    """The hash of the content of a file, in hexadecimal.
+def file_hash(path: Path, block: int = HASH_BLOCK) -> str:
+    """The hash of the content of a file, in hexadecimal; read in blocks of so many bytes.
 
     Raises:
         OSError: the file cannot be read.
     """
     digest = hashlib.blake2b(digest_size=KEY_BYTES)
     with path.open("rb") as file:
-        while block := file.read(HASH_BLOCK):
-            digest.update(block)
+        while content := file.read(block):
+            digest.update(content)
     return digest.hexdigest()
 
 

@@ -88,7 +88,11 @@ class Tabulated:
 
 @torch.no_grad()
 def squared_errors(
-    model: SPMM, btf: BTF, fitted: Tensor, progress: Callable[[int], object] = lambda count: None
+    model: SPMM,
+    btf: BTF,
+    fitted: Tensor,
+    progress: Callable[[int], object] = lambda count: None,
+    block: int = BLOCK_VALUES,
 ) -> SquaredErrors:
     """Evaluates the model at every texel and pair of the BTF, one block of texels at a time.
 
@@ -97,6 +101,7 @@ def squared_errors(
         btf: texels of the model, under any directions.
         fitted: pairs that count for the sums of texels, `[D]` bool.
         progress: called with the number of texels just done.
+        block: values of one block.
     """
     device = model.weight.device
     table = Tabulated.build(model, btf.light, btf.view)
@@ -104,17 +109,17 @@ def squared_errors(
     by_texel = torch.zeros(2, btf.texel_count, dtype=torch.float64, device=device)
     sums = torch.zeros_like(table.epsilon, dtype=torch.float64)  # [K, D, C]
     counted = fitted.to(device, torch.float64)
-    size = max(1, BLOCK_VALUES // (btf.pair_count * btf.channels))
-    for block in slices(btf.texel_count, size):
-        value = btf.texels(block, device)  # [n, D, C]
-        label = model.labels[block]
-        lobes = table.lobes(block)
+    size = max(1, block // (btf.pair_count * btf.channels))
+    for texels in slices(btf.texel_count, size):
+        value = btf.texels(texels, device)  # [n, D, C]
+        label = model.labels[texels]
+        lobes = table.lobes(texels)
         # In float64: the errors of cluster means are a small difference of large energies.
         squares = [value.double().square().sum(-1)]  # [n, D]
         for error in (lobes - value, lobes + table.epsilon[label] - value):
             squares.append(error.square().sum(-1).double())
         by_pair += torch.stack([part.sum(0) for part in squares])
-        by_texel[:, block] = torch.stack([squares[0] @ counted, squares[2] @ counted])
+        by_texel[:, texels] = torch.stack([squares[0] @ counted, squares[2] @ counted])
         sums += torch.zeros_like(table.epsilon).index_add_(0, label, value)
         progress(len(value))
     count = torch.bincount(model.labels, minlength=model.cluster_count)

@@ -63,10 +63,15 @@ class PairRows:
         """Values `[N]` of the pairs, given those of the rows in blocks `[g, S]`."""
         return torch.cat(parts).flatten().index_select(0, self.place)
 
-    def blocks(self, model: Tensor) -> Iterator[tuple[int, slice]]:
-        """(model, rows) of blocks of one model that fit the cache, given the lobes' `model [J]`."""
-        budget = CUDA_BLOCK if self.lobe.is_cuda else CPU_BLOCK
-        size = max(1, budget // self.query.shape[1])
+    def blocks(self, model: Tensor, block: int | None = None) -> Iterator[tuple[int, slice]]:
+        """(model, rows) of blocks of one model.
+
+        Args:
+            model: of the lobes, `[J]`.
+            block: pairs of one block; default: as many as fit the cache.
+        """
+        pairs = block or (CUDA_BLOCK if self.lobe.is_cuda else CPU_BLOCK)
+        size = max(1, pairs // self.query.shape[1])
         models, counts = torch.unique_consecutive(model[self.lobe], return_counts=True)
         start = 0
         for index, count in zip(models.tolist(), counts.tolist(), strict=True):
@@ -75,13 +80,21 @@ class PairRows:
             start += count
 
 
-def eval_pairs(lobes: LobeBatch, lobe: Tensor, query: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+def eval_pairs(
+    lobes: LobeBatch,
+    lobe: Tensor,
+    query: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+    block: int | None = None,
+) -> Tensor:
     """rho of N (lobe, query) pairs [WDR11 Eq. 3].
 
     Args:
         lobes: J lobes.
         lobe, query: of each pair, `[N]` long.
         wi, wo: directions of Q queries, `[Q, 3]`.
+        block: pairs of one block; default: as many as fit the cache.
 
     Returns:
         `[N]`, in 1/sr.
@@ -91,12 +104,12 @@ def eval_pairs(lobes: LobeBatch, lobe: Tensor, query: Tensor, wi: Tensor, wo: Te
     rows = PairRows.build(lobes.model, lobe, query)
     wi, wo = wi.T.contiguous(), wo.T.contiguous()  # [3, Q]
     parts = []
-    for model, block in rows.blocks(lobes.model):
-        owner = rows.lobe[block]
+    for model, part in rows.blocks(lobes.model, block):
+        owner = rows.lobe[part]
         kappa, normal, angle = (
-            part.index_select(0, owner) for part in (lobes.kappa, lobes.normal, lobes.angle)
+            own.index_select(0, owner) for own in (lobes.kappa, lobes.normal, lobes.angle)
         )
-        at = rows.query[block]
+        at = rows.query[part]
         parts.append(eval_model(model, kappa, normal, angle, gather(wi, at), gather(wo, at)))
     return rows.spread(parts)
 

@@ -98,7 +98,12 @@ class SamplingData:
 
 
 def sample(
-    data: SamplingData, texel: Tensor, weight: Tensor, wo: Tensor, u: Tensor
+    data: SamplingData,
+    texel: Tensor,
+    weight: Tensor,
+    wo: Tensor,
+    u: Tensor,
+    block: int = SAMPLED_ENTRIES,
 ) -> tuple[Tensor, Tensor]:
     """Light directions drawn from mixtures of texels [WDR11 §6].
 
@@ -108,26 +113,34 @@ def sample(
         weight: of each of them, `[Q, M]`; they sum to 1.
         wo: unit view directions `[Q, 3]`.
         u: uniform numbers `[Q, 3]` in [0, 1).
+        block: entries of one block.
 
     Returns:
         (wi `[Q, 3]` in the upper hemisphere, its density `[Q]`; see `pdf`).
     """
-    blocks = zip(*_split(data, texel, weight, wo, u), strict=True)
+    blocks = zip(*_split(data, block, texel, weight, wo, u), strict=True)
     parts = [_sample_block(data, *block) for block in blocks]
     return torch.cat([wi for wi, _ in parts]), torch.cat([density for _, density in parts])
 
 
-def pdf(data: SamplingData, texel: Tensor, weight: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+def pdf(
+    data: SamplingData,
+    texel: Tensor,
+    weight: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+    block: int = SAMPLED_ENTRIES,
+) -> Tensor:
     """Density of `sample` at wi `[Q, 3]`, in 1/sr: `[Q]`.
 
     It integrates to 1 over the upper hemisphere, where it is above 0, and is 0 under the horizon.
 
     Args:
-        data, texel, weight, wo: as in `sample`.
+        data, texel, weight, wo, block: as in `sample`.
         wi: unit light directions `[Q, 3]`.
     """
     parts = []
-    for some, own, view, light in zip(*_split(data, texel, weight, wo, wi), strict=True):
+    for some, own, view, light in zip(*_split(data, block, texel, weight, wo, wi), strict=True):
         parts.append(_density(data, _mixture(data, some, own, view), light, view))
     return torch.cat(parts)
 
@@ -149,9 +162,11 @@ class _Mixture:
     cosine: Tensor
 
 
-def _split(data: SamplingData, texel: Tensor, *others: Tensor) -> list[tuple[Tensor, ...]]:
-    """Each tensor `[Q, ...]` in blocks of SAMPLED_ENTRIES entries."""
-    size = max(1, SAMPLED_ENTRIES // max(1, data.longest * texel.shape[1]))
+def _split(
+    data: SamplingData, block: int, texel: Tensor, *others: Tensor
+) -> list[tuple[Tensor, ...]]:
+    """Each tensor `[Q, ...]` in blocks of `block` entries."""
+    size = max(1, block // max(1, data.longest * texel.shape[1]))
     return [part.split(size) for part in (texel, *others)]
 
 

@@ -31,11 +31,15 @@ class BTFMaterial:
     Attributes:
         btf: decoded in memory or in its cache.
         light_mesh, view_mesh: meshes of its directions.
+        texel_values: values of the texels that are read at once.
+        picked_values: values of those that are picked at once.
     """
 
     btf: BTF
     light_mesh: HemisphereInterpolation
     view_mesh: HemisphereInterpolation
+    texel_values: int = TEXEL_VALUES
+    picked_values: int = PICKED_VALUES
 
     @classmethod
     def build(cls, btf: BTF, device: torch.device | str = "cpu") -> BTFMaterial:
@@ -58,11 +62,11 @@ class BTFMaterial:
         entries = texel_weight.new_zeros(*texel_weight.shape, self.btf.channels)  # [Q, 4, C]
         met, count = torch.unique_consecutive(texel[query, corner], return_counts=True)
         end = count.cumsum(0).tolist()
-        for block in slices(len(met), max(1, TEXEL_VALUES // (self.btf.pair_count * 3))):
+        for block in slices(len(met), max(1, self.texel_values // (self.btf.pair_count * 3))):
             values = self.btf.texels(met[block], uv.device).flatten(0, 1)  # [n * D, C]
             first = end[block.start - 1] if block.start else 0
             row = torch.repeat_interleave(count[block])  # [e], texel of the block
-            for part in slices(len(row), max(1, PICKED_VALUES // 27)):
+            for part in slices(len(row), max(1, self.picked_values // 27)):
                 where = slice(first + part.start, first + part.stop)
                 q = query[where]
                 picked = values[row[part, None] * self.btf.pair_count + pair[q]].to(weight)

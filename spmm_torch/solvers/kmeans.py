@@ -50,6 +50,7 @@ def kmeans(
     candidates: int | None = None,
     resolution: Tensor | None = None,
     weights: Tensor | None = None,
+    block: int = BLOCK_ELEMENTS,
 ) -> KMeansResult:
     """Clusters points by k-means [AV07] [Llo82].
 
@@ -62,6 +63,7 @@ def kmeans(
         resolution: uncertainty of each point, `[N]`: a point closer to a centre than this counts
             as a copy of it. Default: 0.
         weights: of the points in the objective and in the means, `[N]`, positive. Default: 1.
+        block: distances of one block.
 
     Returns:
         Labels, centres in the dtype of `points`, the objective and the status.
@@ -84,10 +86,10 @@ def kmeans(
     blur = points.new_zeros(len(points)) if resolution is None else resolution
     centers, remaining = _seed(shifted, k, tries, generator, blur.double().square(), weight)
     if remaining > 0:
-        labels, status = _lloyd(shifted, centers, iterations, weight)
+        labels, status = _lloyd(shifted, centers, iterations, weight, block)
     else:  # every distinct point is a centre
-        labels, status = _assign_exactly(shifted, centers), Status.CONVERGED
-    centers = _means(shifted, labels, centers.shape[0], weight)
+        labels, status = _assign_exactly(shifted, centers, block), Status.CONVERGED
+    centers = _means(shifted, labels, centers.shape[0], weight, block)
     errors = (shifted - centers[labels]).square().sum(1)
     objective = _weighted(errors, weight).sum().item()
     centers = centers + points.double().mean(0)
@@ -139,19 +141,19 @@ def _squared_distance(points: Tensor, centers: Tensor) -> Tensor:
     return torch.cdist(points, centers, compute_mode=mode).square()
 
 
-def _assign_exactly(points: Tensor, centers: Tensor) -> Tensor:
+def _assign_exactly(points: Tensor, centers: Tensor, block: int) -> Tensor:
     """Nearest centre `[N]` by differences, for centres that may be arbitrarily close."""
-    block = max(1, BLOCK_ELEMENTS // centers.shape[0])
-    parts = [_squared_distance(part, centers).argmin(1) for part in points.split(block)]
+    size = max(1, block // centers.shape[0])
+    parts = [_squared_distance(part, centers).argmin(1) for part in points.split(size)]
     return torch.cat(parts)
 
 
-def _assign(points: Tensor, centers: Tensor) -> tuple[Tensor, Tensor]:
+def _assign(points: Tensor, centers: Tensor, block: int = BLOCK_ELEMENTS) -> tuple[Tensor, Tensor]:
     """Nearest centre `[N]` and squared distance to it `[N]`, by a matrix product in blocks."""
     offset = centers.square().sum(1)  # [K]
-    block = max(1, BLOCK_ELEMENTS // centers.shape[0])
+    size = max(1, block // centers.shape[0])
     least, labels = [], []
-    for part in points.split(block):
+    for part in points.split(size):
         value, label = torch.addmm(offset, part, centers.T, alpha=-2).min(1)  # [n]
         least.append(value + part.square().sum(1))
         labels.append(label)
@@ -159,14 +161,14 @@ def _assign(points: Tensor, centers: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _lloyd(
-    points: Tensor, centers: Tensor, iterations: int, weight: Tensor | None
+    points: Tensor, centers: Tensor, iterations: int, weight: Tensor | None, block: int
 ) -> tuple[Tensor, Status]:
     """Lloyd iterations until the labels stay; labels `[N]`, every cluster with a point [Llo82]."""
-    labels, distance = _assign(points, centers)
+    labels, distance = _assign(points, centers, block)
     labels = _fill_empty(points, labels, distance, centers.shape[0])
     for _ in range(iterations):
-        centers = _means(points, labels, centers.shape[0], weight)
-        moved, distance = _assign(points, centers)
+        centers = _means(points, labels, centers.shape[0], weight, block)
+        moved, distance = _assign(points, centers, block)
         moved = _fill_empty(points, moved, distance, centers.shape[0])
         if torch.equal(moved, labels):
             return labels, Status.CONVERGED
@@ -190,13 +192,13 @@ def _fill_empty(points: Tensor, labels: Tensor, distance: Tensor, k: int) -> Ten
     return labels
 
 
-def _means(points: Tensor, labels: Tensor, k: int, weight: Tensor | None) -> Tensor:
+def _means(points: Tensor, labels: Tensor, k: int, weight: Tensor | None, block: int) -> Tensor:
     """Mean of each cluster `[K, P]`, by matrix products: deterministic on a GPU, unlike scatter."""
     total = points.new_zeros(k, points.shape[1])
     size = torch.bincount(labels, weight, minlength=k)  # [K]
     cluster = torch.arange(k, device=points.device)[:, None]  # [K, 1]
-    block = max(1, BLOCK_ELEMENTS // k)
-    heavy = _weighted(points, weight)
-    for part, label in zip(heavy.split(block), labels.split(block), strict=True):
+    size_of_block = max(1, block // k)
+    heavy = _weighted(points, weight).split(size_of_block)
+    for part, label in zip(heavy, labels.split(size_of_block), strict=True):
         total += (cluster == label).to(points.dtype) @ part
     return total / size[:, None]

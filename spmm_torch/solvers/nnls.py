@@ -74,6 +74,7 @@ def nnls_gram(
     allowed: Tensor | None = None,
     guess: Tensor | None = None,
     max_iterations: int | None = None,
+    block: int = BLOCK_ELEMENTS,
 ) -> NNLSResult:
     """Minimizes 1/2 x^T G x - b^T x over x >= 0, each problem on its own [LH74].
 
@@ -85,6 +86,7 @@ def nnls_gram(
         allowed: bool `[..., J]`, broadcast; False holds a weight at zero. Default: all allowed.
         guess: bool `[..., J]`, broadcast; likely support of the solution, for speed only.
         max_iterations: most passes of the active set, default 3 J + 30.
+        block: elements of the Gram matrices of one block.
 
     Returns:
         Weights `[..., J]` in the dtype of `rhs`, and status `[...]`.
@@ -98,9 +100,9 @@ def nnls_gram(
     passes = 3 * atoms + 30 if max_iterations is None else max_iterations
     weights = torch.zeros_like(flat_rhs)
     status = torch.full_like(flat_rhs.sum(1), Status.CONVERGED, dtype=STATUS_DTYPE)
-    block = max(1, BLOCK_ELEMENTS // max(1, atoms * atoms))
-    for first in range(0, flat_rhs.shape[0] if atoms else 0, block):
-        rows = slice(first, first + block)
+    size = max(1, block // max(1, atoms * atoms))
+    for first in range(0, flat_rhs.shape[0] if atoms else 0, size):
+        rows = slice(first, first + size)
         solved, status[rows] = _solve_block(
             flat_gram[gram_row[rows]].double(),
             flat_rhs[rows].double(),

@@ -78,6 +78,7 @@ def stagewise_lasso(
     lambda_min: Tensor,
     max_steps: int,
     tolerance: float = STEP_TOLERANCE,
+    cpu_block: int = CPU_BLOCK_ELEMENTS,
 ) -> StagewiseResult:
     """Follows the path of ||y - D x||^2 + lambda sum(x), x >= 0, in steps of eta [ZY07].
 
@@ -93,6 +94,7 @@ def stagewise_lasso(
         lambda_min: smallest regularization `[B]`, for a loss without the factor 1/2 [WDR11 Eq. 4].
         max_steps: cap on forward plus backward steps.
         tolerance: xi of [ZY07], in units of eta^2.
+        cpu_block: weights of one block on a CPU; on a GPU there is one block.
 
     Returns:
         Weights, lambda, numbers of steps and status of each problem.
@@ -102,7 +104,7 @@ def stagewise_lasso(
     lambda_min = lambda_min.to(correlation).clamp_min(0).expand(batch)
     block = max(1, batch)
     if correlation.device.type == "cpu":
-        block = max(1, CPU_BLOCK_ELEMENTS // max(1, atoms))
+        block = max(1, cpu_block // max(1, atoms))
     parts = [
         _run_block(
             gram if gram.dim() == 2 else gram[first : first + block],

@@ -12,10 +12,12 @@ from spmm_torch.benchmark.peers.problem import Problem
 from spmm_torch.benchmark.protocol import Protocol
 from spmm_torch.benchmark.scope import SMALL, Bench, Scope
 from spmm_torch.benchmark.variants import DEFAULT, shipped
+from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.data import BTF, Selection, write_npz
 from spmm_torch.geometry.directions import ring_directions
-from spmm_torch.lobes.batch import COORDINATES, decode
 from spmm_torch.runtime.progress import Progress
+from tests.planted.btfs import texel_btf
+from tests.planted.lobes import random_lobes
 
 SIDE, LOBES = 6, 5
 CPU = torch.device("cpu")
@@ -39,14 +41,11 @@ SCOPE = Scope(
 def planted_btf() -> BTF:
     """36 texels, each a mixture of the same five lobes, on 15 x 15 directions."""
     generator = torch.Generator().manual_seed(5)
-    coordinates = 0.25 + 0.5 * torch.rand(LOBES, COORDINATES, generator=generator)
     directions = ring_directions(((0.0, 1), (30.0, 6), (60.0, 8)))
-    rho = decode(torch.arange(LOBES), coordinates).eval_grid(directions, directions)  # [J, D]
+    rho = random_lobes(MODEL_NAMES[:LOBES], generator).eval_grid(directions, directions)  # [J, D]
     weights = torch.rand(SIDE * SIDE, 3, LOBES, generator=generator)
     values = (weights @ (rho / rho.norm(dim=1, keepdim=True))).transpose(1, 2)  # [T, D, C]
-    count = len(directions)
-    pictures = values.view(SIDE, SIDE, count, count, 3).permute(2, 3, 0, 1, 4)
-    return BTF.from_values(pictures.contiguous(), directions, directions, name="planted")
+    return texel_btf(values, directions, height=SIDE)
 
 
 @pytest.fixture(scope="session")

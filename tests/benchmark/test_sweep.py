@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 import torch
 import yaml
@@ -14,8 +12,8 @@ from spmm_torch.benchmark.scope import Bench
 from spmm_torch.benchmark.variants import DEFAULT, SHIPPED, VARIANTS, Variant, shipped
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.fit import fit
+from tests.locations import CONFIGS
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 CPU = torch.device("cpu")
 
 

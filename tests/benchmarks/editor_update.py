@@ -3,28 +3,25 @@
 An update is all that a moved slider costs on the server: the edit itself, the lobes that it
 changed, the picture of 256 x 256 pixels, and its JPEG.
 
-    python tests/benchmarks/editor_update.py [--size 256] [--texels 256] [--lobes 8] [--threads N]
+    python -m tests.benchmarks.editor_update [--size 256] [--texels 256] [--lobes 8] [--threads N]
 """
 
 from __future__ import annotations
 
 import argparse
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import torch
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-
 from spmm_torch.cli.editor import leave_a_core
 from spmm_torch.viz.editor.preview import Preview, jpeg_uri
 from spmm_torch.viz.editor.session import Session
 from spmm_torch.viz.editor.sliders import SLIDERS
 from spmm_torch.viz.editor.stage import Setting
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 REPEATS = 9
 CLUSTERS, LOBES_PER_CLUSTER = 32, 30

@@ -32,7 +32,7 @@ from spmm_torch.edit import (
     set_parameter,
     spread_normals,
 )
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 TEXELS, LOBES, CLUSTERS, CLUSTER_LOBES = 256, 8, 32, 24
 BOUND = 0.05  # seconds that an edit without a mask may take

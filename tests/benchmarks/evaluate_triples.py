@@ -20,7 +20,7 @@ from spmm_torch import SPMM
 from spmm_torch.geometry.directions import direction_from_angles, texel_at
 from spmm_torch.lobes.batch import CPU_BLOCK, LobeBatch, eval_model
 from tests.benchmarks.render_sphere import CLUSTER_LOBES, CLUSTERS, LOBES, TEXELS, best_time
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 # Directions to which a lobe is applied at once in the fused kernels.
 ROW = 128

@@ -26,7 +26,7 @@ from spmm_torch.render import (
 )
 from spmm_torch.render.direct import Hits, delta_light_directions
 from spmm_torch.render.renderer import trace
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 LIGHTS = ((0.5, 0.5, 1.0), (-1.0, 0.3, 1.0), (0.3, -1.0, 1.5))
 TEXELS, LOBES, CLUSTERS, CLUSTER_LOBES = 256, 8, 32, 24

@@ -17,9 +17,10 @@ from spmm_torch.figures.sampling import sphere_hits, variance_gains
 from spmm_torch.figures.variance import some_hits, white_light
 from spmm_torch.fit import fit
 from spmm_torch.render import EnvironmentLight, RenderSettings
-from tests.render.planted import planted_model
+from tests.locations import DATA
+from tests.planted.models import planted_model
 
-TILES = Path(__file__).parents[3] / "shared" / "data" / "TILES64.zip"
+TILES = DATA / "TILES64.zip"
 SIZE, HITS, SAMPLES = 128, 512, 1024
 BOUNDS = {"equal_count": 20.0, "equal_time": 10.0}
 # Lobes of the planted material: a diffuse base under two glossy coats.

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from spmm_torch.brdf import BRDF, REGISTRY
+from tests.planted.directions import random_directions
 
 ALL_MODELS = [pytest.param(model, id=model.name) for model in REGISTRY]
 DTYPES = [torch.float32, torch.float64]
@@ -38,9 +39,7 @@ def corners(model: BRDF, dtype: torch.dtype) -> Tensor:
 
 def upper_directions(count: int, seed: int, min_cos: float = 0.02) -> Tensor:
     """Random unit directions `[count, 3]` whose cosine is at least `min_cos`, float64."""
-    generator = torch.Generator().manual_seed(seed)
-    u = torch.rand(count, 2, generator=generator, dtype=torch.float64)
-    return direction(min_cos + (1.0 - min_cos) * u[:, 0], 2.0 * math.pi * u[:, 1])
+    return random_directions(count, seed, math.acos(min_cos))
 
 
 def direction(cos_theta: Tensor, phi: Tensor) -> Tensor:

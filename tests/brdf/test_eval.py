@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from brdf_cases import (
+
+from spmm_torch.brdf import BRDF
+from tests.brdf.brdf_cases import (
     ALL_MODELS,
     DTYPES,
     near_mirror,
@@ -13,9 +15,7 @@ from brdf_cases import (
     parameters_at,
     upper_directions,
 )
-from numpy_twins import TWINS
-
-from spmm_torch.brdf import BRDF
+from tests.brdf.numpy_twins import TWINS
 
 SMALLEST = 1e-290  # of what an exponential in float64 may be kept at
 

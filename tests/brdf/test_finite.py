@@ -6,12 +6,12 @@ import math
 
 import pytest
 import torch
-from brdf_cases import ALL_MODELS, DTYPES, corners, direction
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
 from spmm_torch.brdf import BRDF
+from tests.brdf.brdf_cases import ALL_MODELS, DTYPES, corners, direction
 
 COSINES = st.one_of(
     st.sampled_from([0.0, 1e-8, -1e-8, 1e-4, 1e-3, -1e-3, 0.5, -0.5, 1.0, -1.0]),

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from brdf_cases import near_mirror, upper_directions
 
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
 from spmm_torch.synthesize.variant import PLAIN
+from tests.brdf.brdf_cases import near_mirror, upper_directions
 
 pytest.importorskip("mitsuba", reason="needs the extra: pip install 'spmm_torch[mitsuba]'")
 

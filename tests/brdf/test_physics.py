@@ -6,11 +6,11 @@ import math
 
 import pytest
 import torch
-from brdf_cases import ALL_MODELS, direction, near_mirror, parameter_grid, rotate_about_z
-from brdf_cases import upper_directions as upper
 from torch import Tensor
 
 from spmm_torch.brdf import BRDF, MODEL_NAMES, REGISTRY
+from tests.brdf.brdf_cases import ALL_MODELS, direction, near_mirror, parameter_grid, rotate_about_z
+from tests.brdf.brdf_cases import upper_directions as upper
 
 BY_NAME = dict(zip(MODEL_NAMES, REGISTRY, strict=True))
 # Polar angles of the view at which the albedo is taken.

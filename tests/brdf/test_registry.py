@@ -9,11 +9,11 @@ import sys
 
 import pytest
 import torch
-from brdf_cases import ALL_MODELS
-from numpy_twins import TWINS
 
 import spmm_torch.brdf
 from spmm_torch.brdf import BRDF, MAX_PARAMETERS, MODEL_NAMES, PAPER_MODELS, REGISTRY, Parameter
+from tests.brdf.brdf_cases import ALL_MODELS
+from tests.brdf.numpy_twins import TWINS
 
 ROWS = [
     pytest.param(row, id=f"{model.name}-{row.name}")

@@ -6,12 +6,19 @@ import math
 
 import pytest
 import torch
-from brdf_cases import ALL_MODELS, DTYPES, corners, direction, parameter_grid, upper_directions
 from torch import Tensor
 
 from spmm_torch.brdf import BRDF
 from spmm_torch.brdf.visible import reflect_about_visible, unit_half_vector, visible_pdf
 from spmm_torch.geometry.warp import square_to_beckmann, square_to_beckmann_pdf
+from tests.brdf.brdf_cases import (
+    ALL_MODELS,
+    DTYPES,
+    corners,
+    direction,
+    parameter_grid,
+    upper_directions,
+)
 from tests.chi2 import Grid
 
 DOWN = torch.tensor([1.0, 1.0, -1.0], dtype=torch.float64)

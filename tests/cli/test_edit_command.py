@@ -18,17 +18,14 @@ from spmm_torch.report import REPORT_KEYS, check_report
 from spmm_torch.runs.edited import EDITS, MASKS
 from spmm_torch.runs.folder import CONFIG, REPORT_PAGE
 from spmm_torch.runtime.tensor_file import MODEL_FILE
-from tests.render.planted import planted_model
-
-RINGS = ((0.0, 1), (30.0, 6), (60.0, 10))
+from tests.planted.models import FEW_RINGS, planted_model
+from tests.planted.runs import model_folder
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A run folder as a fit leaves it."""
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / MODEL_FILE).write_bytes(planted_model(rings=RINGS, residual=0.02).pack())
+    folder = model_folder(tmp_path / "run", planted_model(rings=FEW_RINGS, residual=0.02))
     (folder / CONFIG).write_text("seed: 3\n")
     report = {key: dict.fromkeys(below, 1.0) if below else 7 for key, below in REPORT_KEYS.items()}
     (folder / "report.json").write_text(json.dumps(report))

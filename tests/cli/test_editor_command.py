@@ -1,6 +1,5 @@
 """`spmm edit --interactive` refuses bad input in one sentence, before a page is served."""
 
-# ruff: noqa: F811 (fixtures are arguments of the same name)
 from __future__ import annotations
 
 from pathlib import Path
@@ -9,7 +8,6 @@ import pytest
 
 from spmm_torch.cli import editor as command
 from spmm_torch.cli.main import main
-from tests.viz.conftest import model, run  # noqa: F401
 
 
 @pytest.mark.parametrize(

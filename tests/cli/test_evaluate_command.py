@@ -1,6 +1,5 @@
 """`spmm evaluate` on runs of every kind, and everything that it refuses."""
 
-# ruff: noqa: F811 (fixtures are arguments of the same name)
 from __future__ import annotations
 
 import json
@@ -14,12 +13,29 @@ import torch
 from spmm_torch import SPMM, load_btf
 from spmm_torch.cli.main import main
 from spmm_torch.data import Selection
+from spmm_torch.evaluate import spheres
 from spmm_torch.metrics import snr_db
-from tests.evaluate.conftest import run, small_pictures, source  # noqa: F401
-from tests.evaluate.runs import make_run, planted_btf, save
+from spmm_torch.render import RenderSettings
+from tests.planted.btfs import rough_btf
+from tests.planted.runs import make_run, save
 from tests.report.test_page import Page
 
 FILES = ["evaluation.html", "evaluation.json"]
+
+
+@pytest.fixture(autouse=True)
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spheres, "SETTINGS", RenderSettings(size=48, samples=1))
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return save(rough_btf(), tmp_path_factory.mktemp("source") / "planted.npz")
+
+
+@pytest.fixture(scope="module")
+def run(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(source, tmp_path_factory.mktemp("runs") / "run")
 
 
 def evaluation(folder: Path) -> dict[str, Any]:
@@ -117,14 +133,14 @@ def test_held_out_directions(source: Path, tmp_path: Path) -> None:
 
 
 def test_hdr_crop_and_single_texel(source: Path, tmp_path: Path) -> None:
-    hdr = save(planted_btf(scale=3.0), tmp_path / "hdr.npz")
+    hdr = save(rough_btf(scale=3.0), tmp_path / "hdr.npz")
     run = make_run(hdr, tmp_path / "hdr", "--directions", "2")
     found = evaluated(run, tmp_path / "out1")
     assert found["psnr_peak"] != 1.0
     assert found["held_out"] is not None
     run = make_run(source, tmp_path / "crop", "--crop", "1,2,4,3")
     assert evaluated(run, tmp_path / "out2")["texels"] == 12
-    single = save(planted_btf(1), tmp_path / "single.npz")
+    single = save(rough_btf(1), tmp_path / "single.npz")
     found = evaluated(make_run(single, tmp_path / "one"), tmp_path / "out3")
     assert found["worst_texels"][0]["error_share"] == 1.0
 
@@ -139,7 +155,7 @@ def test_an_input_that_was_moved(run: Path, source: Path, tmp_path: Path) -> Non
 def test_another_input_is_told(
     run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    other = save(planted_btf(seed=8), tmp_path / "other.npz")
+    other = save(rough_btf(seed=8), tmp_path / "other.npz")
     assert main(["evaluate", str(run), "-o", str(tmp_path / "out"), "--against", str(other)]) == 0
     assert "warning: these differ from report.json" in capsys.readouterr().err
     assert evaluation(tmp_path / "out")["report_difference_db"] > 0.01
@@ -169,8 +185,8 @@ def test_bad_input(
 ) -> None:
     places = {"RUN": run, "LARGER": tmp_path / "larger.npz", "COARSER": tmp_path / "coarser.npz"}
     places |= {"MOVED": tmp_path / "moved", "BARE": tmp_path / "bare"}
-    save(planted_btf(7), places["LARGER"])
-    whole = planted_btf()
+    save(rough_btf(7), places["LARGER"])
+    whole = rough_btf()
     save(whole.restricted(views=torch.arange(7), lights=torch.arange(20)), places["COARSER"])
     shutil.copytree(run, places["MOVED"])
     report = json.loads((run / "report.json").read_text()) | {"input": "gone.npz"}

@@ -11,7 +11,8 @@ from PIL import Image
 
 from spmm_torch.cli.main import main
 from spmm_torch.figures import FIGURES, sampling
-from tests.evaluate.runs import make_run, planted_btf, save
+from tests.planted.btfs import rough_btf
+from tests.planted.runs import make_run, save
 from tests.report.test_page import Page
 
 SMALL = ["--size", "16", "--samples", "1", "--device", "cpu"]
@@ -27,7 +28,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("figures")
-    return make_run(save(planted_btf(4), folder / "planted.npz"), folder / "run")
+    return make_run(save(rough_btf(4), folder / "planted.npz"), folder / "run")
 
 
 def test_all_figures(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -68,7 +69,7 @@ def test_some_figures_need_no_input(run: Path, tmp_path: Path) -> None:
 
 
 def test_a_single_texel(tmp_path: Path) -> None:
-    run = make_run(save(planted_btf(1), tmp_path / "one.npz"), tmp_path / "run")
+    run = make_run(save(rough_btf(1), tmp_path / "one.npz"), tmp_path / "run")
     assert main(["figures", str(run), "-o", str(tmp_path / "out"), *SMALL]) == 0
 
 

@@ -20,9 +20,9 @@ from spmm_torch.cli.main import main, parser
 from spmm_torch.data import sample_path
 from spmm_torch.data.crop import crop_ubo2003
 from spmm_torch.report import check_report
+from tests.locations import CONFIGS, ROOT
 
-CHECKOUT = Path(__file__).parents[2]
-SMOKE = CHECKOUT / "configs" / "smoke.yaml"
+SMOKE = CONFIGS / "smoke.yaml"
 SIZE = 8  # texels a side
 FILES = ["config.yaml", "log.txt", "model.safetensors", "report.html", "report.json"]
 
@@ -44,7 +44,7 @@ def finished(
     command = [sys.executable, "-m", "spmm_torch.fit", str(sample), "-o", str(run)]
     process = subprocess.run(
         [*command, "--config", "configs/smoke.yaml", "--device", "cpu"],
-        cwd=CHECKOUT,
+        cwd=ROOT,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,

@@ -16,9 +16,9 @@ from PIL import Image
 
 from spmm_torch.cli.main import main
 from spmm_torch.geometry.directions import ring_directions
+from tests.locations import CONFIGS, ROOT
 
-CHECKOUT = Path(__file__).parents[2]
-SMOKE = CHECKOUT / "configs" / "smoke.yaml"
+SMOKE = CONFIGS / "smoke.yaml"
 ANGLES = ((0, 0), (45, 90))
 DIRECTIONS = ring_directions(((0.0, 1), (45.0, 4))).numpy()
 SHAPE = (5, 5, 2, 3, 3)
@@ -214,7 +214,7 @@ def test_as_a_process(tmp_path: Path, out: Path) -> None:
     command = [sys.executable, "-m", "spmm_torch.fit", str(tmp_path / "no.zip")]
     process = subprocess.run(
         [*command, "-o", str(out / "run")],
-        cwd=CHECKOUT,
+        cwd=ROOT,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
         capture_output=True,
         text=True,

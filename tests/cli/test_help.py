@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -14,8 +13,8 @@ from spmm_torch.cli.main import COMMANDS, main, parser
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.schema import describe
 from spmm_torch.config.synthesis import SynthesisSettings
+from tests.locations import ROOT
 
-CHECKOUT = Path(__file__).parents[2]
 # Python packages that take long to import, or are not everywhere.
 HEAVY = {"torch", "numpy", "scipy", "PIL", "kornia", "skimage", "OpenEXR", "safetensors"}
 HEAVY |= {"tqdm", "pyvista", "vtk", "trame", "trame_vtk", "mitsuba", "sklearn", "shtab"}
@@ -45,7 +44,7 @@ def without_heavy(*words: str) -> subprocess.CompletedProcess[str]:
     """A process that must not import what is heavy."""
     return subprocess.run(
         [sys.executable, "-c", WITHOUT, *words],
-        cwd=CHECKOUT,
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
@@ -84,7 +83,7 @@ def test_a_checkout_that_is_not_installed_has_its_command() -> None:
         "runpy.run_module('spmm_torch.fit', run_name='__main__', alter_sys=True)\n"
     )
     result = subprocess.run(
-        [sys.executable, "-c", code], cwd=CHECKOUT, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert (result.returncode, result.stderr) == (0, "")
     assert "usage: spmm fit" in result.stdout

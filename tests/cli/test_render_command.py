@@ -12,19 +12,9 @@ from PIL import Image
 from spmm_torch.cli.main import main
 from spmm_torch.data import sample_path
 from spmm_torch.data.codecs import openexr
-from spmm_torch.runtime.tensor_file import MODEL_FILE
-from tests.render.planted import planted_model
 
 SMALL = ["--size", "12", "--samples", "1", "--device", "cpu"]
 SUN = ["--light", "directional:30,45"]
-
-
-@pytest.fixture
-def run(tmp_path: Path) -> Path:
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / MODEL_FILE).write_bytes(planted_model().pack())
-    return folder
 
 
 def read_exr(path: Path) -> np.ndarray:

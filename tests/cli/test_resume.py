@@ -24,8 +24,8 @@ from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.runs import folder
 from spmm_torch.runtime.checkpoint import Checkpoint
 from spmm_torch.runtime.threads import cpu_threads
+from tests.locations import ROOT
 
-CHECKOUT = Path(__file__).parents[2]
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
 SIDE, CLUSTERS = 6, 4
 STAGES = ["cluster", "search", *(f"texels-{k:04d}" for k in range(CLUSTERS))]
@@ -270,7 +270,7 @@ def start(source: Path, run: Path, cache: Path) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "spmm_torch.fit", str(source), "-o", str(run), *OPTIONS]
     return subprocess.Popen(
         [*command, *MORE_CLUSTERS, "--cache", str(cache), "--resume"],
-        cwd=CHECKOUT,
+        cwd=ROOT,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

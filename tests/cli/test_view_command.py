@@ -1,6 +1,5 @@
 """`spmm view` from a run to pictures and pages, and everything that it refuses."""
 
-# ruff: noqa: F811 (fixtures are arguments of the same name)
 from __future__ import annotations
 
 import re
@@ -14,7 +13,6 @@ from spmm_torch.cli.main import main
 from spmm_torch.errors import ConfigError
 from spmm_torch.viz.palette import PAGE, series_colour
 from spmm_torch.viz.requirements import use_offscreen
-from tests.viz.conftest import model, run  # noqa: F401
 
 
 @pytest.fixture

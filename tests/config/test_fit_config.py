@@ -11,8 +11,7 @@ from spmm_torch.brdf import MODEL_NAMES, PAPER_MODELS
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.schema import describe
 from spmm_torch.errors import ConfigError
-
-CONFIGS = Path(__file__).parents[2] / "configs"
+from tests.locations import CONFIGS
 
 
 def test_defaults_are_default_yaml() -> None:
@@ -25,8 +24,10 @@ def test_default_yaml_names_every_setting_that_default_methods_use() -> None:
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_file_loads(path: Path) -> None:
-    assert isinstance(FitConfig.from_yaml(path), FitConfig)
+def test_every_file_sets_what_it_names(path: Path) -> None:
+    held = FitConfig.from_yaml(path).to_dict()
+    for name, value in yaml.safe_load(path.read_text(encoding="utf-8")).items():
+        assert held[name] == (held[name] | value if isinstance(value, dict) else value)
 
 
 def test_paper_yaml_is_the_paper() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 import torch
 
-from spmm_torch.data import BTF, Selection, cache, load_btf
+from spmm_torch.data import BTF, Selection, load_btf
 from spmm_torch.data.cache import CacheEntry, clear, default_folder, entries, entry_key, file_hash
 from spmm_torch.data.picture_set import PictureSet
 from spmm_torch.errors import OutputError
@@ -144,11 +144,10 @@ def test_key_of_everything() -> None:
     assert entry_key(parts[0]) == entry_key(list(parts[0]))
 
 
-def test_file_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cache, "HASH_BLOCK", 7)
+def test_file_hash(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"more than one block of it")
     expected = hashlib.blake2b(b"more than one block of it", digest_size=20).hexdigest()
-    assert file_hash(tmp_path / "a") == expected
+    assert file_hash(tmp_path / "a", block=7) == expected
 
 
 def test_default_folder(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ from spmm_torch import BTF
 from spmm_torch.data.error_weights import UNIFORM, Weights
 from spmm_torch.errors import DataError
 from spmm_torch.geometry.directions import ring_directions
+from tests.planted.btfs import random_btf
 
 VIEW = ring_directions(((0.0, 1), (40.0, 2)))
 LIGHT = ring_directions(((0.0, 1), (50.0, 3)))
@@ -17,9 +18,7 @@ HEIGHT, WIDTH = 2, 5
 
 
 def make_btf(missing: Tensor | None = None) -> BTF:
-    generator = torch.Generator().manual_seed(0)
-    shape = (len(VIEW), len(LIGHT), HEIGHT, WIDTH, 3)
-    btf = BTF.from_values(0.1 + 0.8 * torch.rand(shape, generator=generator), VIEW, LIGHT)
+    btf = random_btf(LIGHT, HEIGHT, WIDTH, VIEW, low=0.1)
     btf.missing = missing
     return btf
 

@@ -15,18 +15,12 @@ from PIL import Image
 from spmm_torch.data import Selection, load_btf
 from spmm_torch.data.codecs import openexr, radiance
 from spmm_torch.errors import DataError
+from tests.planted.btfs import texel_major
 
 V, L, H, W = 3, 2, 4, 9
 HALF_MAX = 65504.0
 
 Factory = Callable[..., object]
-
-
-def texel_major(values: np.ndarray) -> torch.Tensor:
-    """Pictures `[V, L, H, W, 3]` as `[T, D, 3]`."""
-    views, lights, height, width, _ = values.shape
-    moved = np.ascontiguousarray(values.transpose(2, 3, 0, 1, 4), dtype=np.float32)
-    return torch.from_numpy(moved.reshape(height * width, views * lights, 3))
 
 
 def exact_rgbe(codes: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from spmm_torch.data import BTF, load_btf, sample_path, write_npz
 from spmm_torch.data.crop import crop_ubo2003
 from spmm_torch.errors import DataError, OutputError
 from spmm_torch.geometry.directions import ring_directions
+from tests.planted.btfs import texel_major
 
 VIEW = ring_directions()[[0, 3]].numpy()
 LIGHT = ring_directions()[[1, 8, 40]].numpy()
@@ -31,13 +32,6 @@ def save(path: Path, **changes: object) -> Path:
     arrays = {"values": make_values(), "view": VIEW, "light": LIGHT} | changes
     np.savez(path, **{key: array for key, array in arrays.items() if array is not None})
     return path
-
-
-def texel_major(values: np.ndarray) -> torch.Tensor:
-    pairs = values.shape[0] * values.shape[1]
-    return torch.from_numpy(
-        np.ascontiguousarray(values.transpose(2, 3, 0, 1, 4)).reshape(-1, pairs, 3)
-    ).float()
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, ">f4", ">f2"])

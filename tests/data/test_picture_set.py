@@ -17,6 +17,7 @@ from PIL import Image
 from spmm_torch.data import load_btf
 from spmm_torch.errors import ConfigError, DataError
 from spmm_torch.geometry.directions import ring_directions
+from tests.planted.btfs import texel_major
 
 GRID = ((0, 0), (15, 60), (75, 345))  # (theta, phi), sorted
 Namer = Callable[[int, int, int, int, int], str]
@@ -68,12 +69,8 @@ def files(codes: np.ndarray) -> list[tuple[str, bytes]]:
     return make_files(codes)
 
 
-def texel_major(codes: np.ndarray) -> torch.Tensor:
-    views, lights, height, width, _ = codes.shape
-    linear = (codes / 255.0) ** 2.2
-    return torch.from_numpy(
-        linear.transpose(2, 3, 0, 1, 4).reshape(height * width, views * lights, 3)
-    ).float()
+def linear(codes: np.ndarray) -> torch.Tensor:
+    return texel_major((codes / 255.0) ** 2.2)
 
 
 @pytest.mark.parametrize("write", [write_zip, write_folder])
@@ -87,7 +84,7 @@ def test_values_in_texel_order(
     assert btf.name == ("wool" if source.is_file() else "wool.zip")
     assert btf.raw_bytes == codes.size
     assert btf.peak() == 1.0
-    expected = texel_major(codes)
+    expected = linear(codes)
     torch.testing.assert_close(btf.texels(), expected)
     index = torch.tensor([19, 0, 7, 7])
     assert torch.equal(btf.texels(index), btf.texels()[index])
@@ -131,7 +128,7 @@ def test_directions(tmp_path: Path, files: list) -> None:
 )
 def test_other_names(tmp_path: Path, codes: np.ndarray, name: Namer) -> None:
     btf = load_btf(write_zip(tmp_path / "a.zip", make_files(codes, name=name)))
-    torch.testing.assert_close(btf.texels(), texel_major(codes))
+    torch.testing.assert_close(btf.texels(), linear(codes))
 
 
 def test_foreign_files_are_ignored(tmp_path: Path, codes: np.ndarray, files: list) -> None:
@@ -145,7 +142,7 @@ def test_foreign_files_are_ignored(tmp_path: Path, codes: np.ndarray, files: lis
         ("TEST/preview.png", b"not a picture"),
     ]
     btf = load_btf(write_zip(tmp_path / "a.zip", foreign + files))
-    torch.testing.assert_close(btf.texels(), texel_major(codes))
+    torch.testing.assert_close(btf.texels(), linear(codes))
 
 
 def test_gamma(tmp_path: Path, codes: np.ndarray, files: list) -> None:
@@ -189,7 +186,7 @@ def test_full_grid_of_tiny_pictures(tmp_path: Path) -> None:
     btf = load_btf(write_zip(tmp_path / "a.zip", make_files(codes, grid)))
     assert btf.pair_count == 6561
     torch.testing.assert_close(btf.light, ring_directions(), atol=1e-6, rtol=0)
-    torch.testing.assert_close(btf.texels(), texel_major(codes))
+    torch.testing.assert_close(btf.texels(), linear(codes))
 
 
 def truncated_jpeg() -> bytes:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from PIL import Image
 
 from spmm_torch.data import load_btf, picture_set, sample_path
 from spmm_torch.geometry.directions import ring_directions
-
-SHARED = Path(__file__).parents[2].parent / "shared" / "data"
+from tests.locations import DATA, needs_data
 
 
 def test_bundled_sample() -> None:
@@ -29,20 +27,22 @@ def test_bundled_sample() -> None:
     assert 0.0 <= values.min() < values.max() <= 1.0
 
 
-@pytest.mark.parametrize("name", ["ROCKS64", "TILES64", "MOSS64", "WEAVE64"])
-def test_shared_data(name: str) -> None:
-    path = SHARED / f"{name}.zip"
-    if not path.is_file():
-        pytest.skip(f"{path} is not on this machine")
-    btf = load_btf(path)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=needs_data(f"{name}.zip"))
+        for name in ("ROCKS64", "TILES64", "MOSS64", "WEAVE64")
+    ],
+)
+def test_path_traced_materials(name: str) -> None:
+    btf = load_btf(DATA / f"{name}.zip")
     assert (btf.name, btf.height, btf.width, btf.pair_count) == (name, 64, 64, 6561)
     torch.testing.assert_close(btf.light, ring_directions(), atol=1e-6, rtol=0)
 
 
+@needs_data("WEAVE64.zip")
 def test_sample_is_a_crop_of_its_source() -> None:
-    source = SHARED / "WEAVE64.zip"
-    if not source.is_file():
-        pytest.skip(f"{source} is not on this machine")
+    source = DATA / "WEAVE64.zip"
     names = picture_set.list_pictures(source)[::500]
     squared = []
     with zipfile.ZipFile(source) as whole, zipfile.ZipFile(sample_path()) as part:

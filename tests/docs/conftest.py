@@ -8,10 +8,10 @@ import pytest
 
 from spmm_torch.cli.main import main
 from spmm_torch.data import sample_path
-from tests.docs.markdown import ROOT
+from tests.locations import CONFIGS
 
 SMALL = (
-    f"--config={ROOT / 'configs' / 'smoke.yaml'}",
+    f"--config={CONFIGS / 'smoke.yaml'}",
     "--crop=0,0,8,8",
     "--directions=2",
     "--set=cluster.count=3",

@@ -7,8 +7,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
+from tests.locations import ROOT
+
 # Folders that are made, not written.
 MADE = frozenset({"build", "dist", "runs", "node_modules"})
 FENCE = re.compile(r"^ *```(\S*)\s*$")

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from spmm_torch.cli.main import main
-from tests.docs.markdown import ROOT, Block, blocks, name_of
+from tests.docs.markdown import Block, blocks, name_of
+from tests.locations import CONFIGS, ROOT
 
 # Printed numbers may differ by a tenth, or by one in the last digit: machines round differently.
 RELATIVE = 0.1
@@ -22,7 +23,7 @@ def checkout(folder: Path) -> None:
     """Makes `folder` look like a checkout to blocks that name the sample or the settings."""
     (folder / "spmm_torch").mkdir()
     (folder / "spmm_torch" / "data").symlink_to(ROOT / "spmm_torch" / "data")
-    (folder / "configs").symlink_to(ROOT / "configs")
+    (folder / "configs").symlink_to(CONFIGS)
 
 
 def run_document(path: Path) -> None:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.markdown import DOCS, ROOT, table
+from tests.docs.markdown import table
+from tests.locations import DOCS, ROOT
 from tests.test_import_floors import FLOORS
 
 PAGE = DOCS / "architecture.md"

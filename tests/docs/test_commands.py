@@ -14,7 +14,8 @@ import pytest
 
 from spmm_torch import FitConfig
 from spmm_torch.cli.main import main
-from tests.docs.markdown import ROOT, blocks, documents, name_of, prose
+from tests.docs.markdown import blocks, documents, name_of, prose
+from tests.locations import ROOT
 
 DOCUMENTS = [pytest.param(path, id=name_of(path)) for path in documents()]
 # Languages of blocks that hold command lines.

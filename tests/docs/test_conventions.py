@@ -11,7 +11,8 @@ from torch import Tensor
 from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES
 from spmm_torch.geometry import directions
 from spmm_torch.lobes.batch import LobeBatch
-from tests.docs.markdown import DOCS, table
+from tests.docs.markdown import table
+from tests.locations import DOCS
 
 PAGE = DOCS / "conventions.md"
 # Half a unit of the last printed digit, and the rounding of float32.

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.markdown import DOCS, FENCE, ROOT, Block, patched
+from tests.docs.markdown import FENCE, Block, patched
 from tests.docs.running import run_blocks
+from tests.locations import DOCS, ROOT
 
 PAGE = DOCS / "extending.md"
 # Where the parts of the package lie in a checkout, and where in an installed one.

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from spmm_torch.geometry.directions import ring_directions
-from tests.docs.markdown import DOCS, ROOT, blocks, name_of
+from tests.docs.markdown import blocks, name_of
 from tests.docs.running import run_blocks
+from tests.locations import DOCS, ROOT
 
 PAGES = [pytest.param(path, id=name_of(path)) for path in (ROOT / "README.md", DOCS / "howto.md")]
 

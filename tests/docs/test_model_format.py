@@ -17,8 +17,9 @@ from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
 from spmm_torch.geometry.directions import direction_from_angles
 from tests.brdf.numpy_twins import TWINS
-from tests.docs.markdown import DOCS, blocks, table
-from tests.render.planted import planted_model
+from tests.docs.markdown import blocks, table
+from tests.locations import DOCS
+from tests.planted.models import planted_model
 
 PAGE = DOCS / "model_format.md"
 QUERIES = 400

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.docs.markdown import DOCS
+from tests.locations import DOCS
 from tests.test_import_floors import sources
 
 pytest.importorskip("pdoc", reason="needs the extra docs")

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import yaml
 
 from spmm_torch import __version__
-from tests.docs.markdown import DOCS, ROOT, files, name_of
+from tests.docs.markdown import files, name_of
+from tests.locations import DOCS, ROOT
 
 BIBLIOGRAPHY = DOCS / "references.bib"
 SUFFIXES = (".py", ".md", ".yaml", ".yml", ".cff")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.markdown import DOCS
 from tests.docs.running import assert_alike, checkout, run_document
+from tests.locations import DOCS
 
 
 @pytest.mark.parametrize(

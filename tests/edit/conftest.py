@@ -8,15 +8,13 @@ import pytest
 import torch
 
 from spmm_torch import SPMM
-from tests.render.planted import planted_model
-
-RINGS = ((0.0, 1), (30.0, 6), (60.0, 10))
+from tests.planted.models import FEW_RINGS, planted_model
 
 
 @pytest.fixture
 def model() -> Iterator[SPMM]:
     """8 x 8 texels, 3 lobes each, 2 clusters in vertical stripes."""
-    planted = planted_model(rings=RINGS, residual=0.05)
+    planted = planted_model(rings=FEW_RINGS, residual=0.05)
     before = {name: tensor.clone() for name, tensor in planted.state_dict().items()}
     yield planted
     for name, tensor in planted.state_dict().items():

@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from spmm_torch import SPMM, load_btf
-from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.data import sample_path
 from spmm_torch.edit import scale_width, spread_normals
@@ -21,20 +20,13 @@ from spmm_torch.edit.energy import (
     sample_count,
 )
 from spmm_torch.fit import fit
-from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.sampling import LobeTable, lobe_intensity
 from tests.edit.looks import albedo
-
-
-def upright(name: str, *kappa: float) -> LobeBatch:
-    """One lobe about z."""
-    padded = torch.tensor([[*kappa, *[0.0] * (MAX_PARAMETERS - len(kappa))]])
-    model = torch.tensor([MODEL_NAMES.index(name)])
-    return LobeBatch(model, padded, torch.tensor([[0.0, 0.0, 1.0]]), torch.zeros(1))
+from tests.planted.lobes import Lobe, lobe_batch
 
 
 def test_a_white_lobe_reflects_all() -> None:
-    found = mean_reflection(upright("lambertian"), FEWEST_SAMPLES)
+    found = mean_reflection(lobe_batch(Lobe("lambertian")), FEWEST_SAMPLES)
     expected = torch.tensor([1.0 / (2.0 * math.pi)])
     torch.testing.assert_close(found, expected, rtol=1e-3, atol=0.0)
 
@@ -42,7 +34,7 @@ def test_a_white_lobe_reflects_all() -> None:
 @pytest.mark.parametrize("exponent", [1.0, 30.0, 900.0])
 def test_narrow_lobes_that_lean_to_their_normal_are_met(exponent: float) -> None:
     """(n + 2) / (2 pi) (cos_i cos_o)^n cos_i, whose mean is 1 / (2 pi (n + 1))."""
-    found = mean_reflection(upright("lafortune", 0.0, exponent), FEWEST_SAMPLES)
+    found = mean_reflection(lobe_batch(Lobe("lafortune", (0.0, exponent))), FEWEST_SAMPLES)
     expected = torch.tensor([1.0 / (2.0 * math.pi * (exponent + 1.0))])
     torch.testing.assert_close(found, expected, rtol=0.03, atol=0.0)
 

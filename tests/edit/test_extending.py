@@ -6,7 +6,6 @@ import importlib.util
 import re
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 
 import pytest
@@ -15,8 +14,8 @@ import yaml
 from spmm_torch import SPMM
 from spmm_torch.edit import EDITS, MASKS, Script
 from tests.edit.looks import check_valid
+from tests.locations import DOCS
 
-DOCS = Path(__file__).parents[2] / "docs"
 TITLE = "An edit, a mask"
 # A block that is a file begins with a comment that holds its path.
 FILE = re.compile(r"^```python\n(# (\S+)\.py\n.*?)^```$", re.MULTILINE | re.DOTALL)

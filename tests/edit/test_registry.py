@@ -14,9 +14,9 @@ from spmm_torch.cli.main import main
 from spmm_torch.config.schema import setting
 from spmm_torch.edit import EDITS, MASKS, Script, Selection, intensity, select_texels
 from spmm_torch.runs.edited import edit_run
-from spmm_torch.runtime.tensor_file import MODEL_FILE
 from spmm_torch.viz.editor.session import Session
 from tests.edit.looks import check_valid, look
+from tests.planted.runs import model_folder
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,7 @@ def registered(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def run(model: SPMM, tmp_path: Path) -> Path:
     """A run folder with nothing but a model."""
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / MODEL_FILE).write_bytes(model.pack())
-    return folder
+    return model_folder(tmp_path / "run", model)
 
 
 @pytest.mark.usefixtures("registered")

@@ -7,16 +7,26 @@ import math
 import pytest
 import torch
 
+from spmm_torch.evaluate import spheres
 from spmm_torch.evaluate.spheres import LIGHTS, compare_spheres, light_pictures, sphere_lights
-from spmm_torch.render import Texture
-from tests.evaluate.runs import RINGS, SMALL
-from tests.render.planted import FINE_RINGS, Lambertian, planted_model, tabulated
+from spmm_torch.render import RenderSettings, Texture
+from tests.planted.btfs import COARSE_RINGS, tabulated
+from tests.planted.materials import Lambertian
+from tests.planted.models import FINE_RINGS, planted_model
+
+SIZE = 48
+
+
+@pytest.fixture(autouse=True)
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spheres so small that they take no time; the texture is scaled as ever."""
+    monkeypatch.setattr(spheres, "SETTINGS", RenderSettings(size=SIZE, samples=1))
 
 
 def test_a_lambertian_sphere_is_as_bright_as_it_should_be() -> None:
     pictures = light_pictures(Lambertian((1.0, 0.5, 0.2)), Texture(), "cpu")
-    assert pictures.shape == (len(LIGHTS), SMALL.size, SMALL.size, 3)
-    axis = (2.0 * (torch.arange(SMALL.size) + 0.5) / SMALL.size - 1.0) * 1.05
+    assert pictures.shape == (len(LIGHTS), SIZE, SIZE, 3)
+    axis = (2.0 * (torch.arange(SIZE) + 0.5) / SIZE - 1.0) * 1.05
     y, x = torch.meshgrid(-axis, axis, indexing="ij")
     z = torch.sqrt((1.0 - x * x - y * y).clamp(min=0.0))
     normal = torch.stack((x, y, z), dim=-1)
@@ -41,19 +51,18 @@ def test_a_model_and_its_own_table_look_alike() -> None:
 
 
 def test_pixels_count_where_the_sphere_is_lit() -> None:
-    model = planted_model(2, rings=RINGS)
+    model = planted_model(2, rings=COARSE_RINGS)
     found = compare_spheres(model, tabulated(model))
-    size = SMALL.size
     parts = [float(counts.float().mean()) for counts in found.counts]
     disk = math.pi / 4.0 / 1.05**2
     for part, (_, angle, _) in zip(parts, LIGHTS, strict=True):
         assert part == pytest.approx(disk * (1.0 + math.cos(math.radians(angle))) / 2.0, rel=0.06)
-    assert found.counts[1, size // 4, size // 4]  # light from the upper left
-    assert not found.counts[2, size // 2, size // 6]  # light from the right
+    assert found.counts[1, SIZE // 4, SIZE // 4]  # light from the upper left
+    assert not found.counts[2, SIZE // 2, SIZE // 6]  # light from the right
 
 
 def test_a_large_texture_is_read_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    btf = tabulated(planted_model(2, rings=RINGS))
+    btf = tabulated(planted_model(2, rings=COARSE_RINGS))
     read: list[int] = []
     texels = type(btf).texels
 
@@ -62,5 +71,5 @@ def test_a_large_texture_is_read_in_part(monkeypatch: pytest.MonkeyPatch) -> Non
         return texels(self, index, device)
 
     monkeypatch.setattr(type(btf), "texels", counted)
-    compare_spheres(planted_model(2, rings=RINGS), btf)
+    compare_spheres(planted_model(2, rings=COARSE_RINGS), btf)
     assert sum(read) == 4  # all four texels, each once

@@ -7,23 +7,21 @@ import torch
 from torch import Tensor
 
 from spmm_torch import SPMM
-from spmm_torch.evaluate import sums
 from spmm_torch.evaluate.angles import by_angle, rings
 from spmm_torch.evaluate.sums import squared_errors
 from spmm_torch.geometry.directions import direction_pairs, hemisphere_spiral, ring_directions
-from tests.evaluate.runs import RINGS, planted_btf
-from tests.render.planted import planted_model
+from tests.planted.btfs import COARSE_RINGS, rough_btf
+from tests.planted.models import planted_model
 
 SIZE = 5
 
 
 @pytest.mark.parametrize("block", [1 << 23, 3 * 400 * 2])
-def test_sums_are_those_of_pictures(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
-    monkeypatch.setattr(sums, "BLOCK_VALUES", block)
-    model, btf = planted_model(SIZE, rings=RINGS, residual=0.05, seed=1), planted_btf(SIZE)
+def test_sums_are_those_of_pictures(block: int) -> None:
+    model, btf = planted_model(SIZE, rings=COARSE_RINGS, residual=0.05, seed=1), rough_btf(SIZE)
     fitted = torch.rand(btf.pair_count, generator=torch.Generator().manual_seed(0)) < 0.7
     told: list[int] = []
-    found = squared_errors(model, btf, fitted, told.append)
+    found = squared_errors(model, btf, fitted, told.append, block)
     assert sum(told) == SIZE * SIZE
     value = btf.texels().double()  # [T, D, C]
     errors = [whole_table(model, residual).double() - value for residual in (False, True)]
@@ -47,7 +45,7 @@ def whole_table(model: SPMM, residual: bool) -> Tensor:
 
 
 def test_the_angle_table_adds_up() -> None:
-    directions = ring_directions(RINGS)
+    directions = ring_directions(COARSE_RINGS)
     pairs = len(directions) ** 2
     energy, error = torch.rand(2, pairs, dtype=torch.float64)
     table = by_angle(directions, directions, energy, error)

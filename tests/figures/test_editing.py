@@ -10,15 +10,15 @@ from spmm_torch.edit import change_colours
 from spmm_torch.figures.editing import EDITING, AsMeasured, View, figure4, figure6
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.render import BTFMaterial, Camera, DirectionalLight, RenderSettings, Scene, Sphere
-from tests.render.planted import planted_model, tabulated
+from tests.planted.btfs import tabulated
+from tests.planted.models import FEW_RINGS, planted_model
 
-RINGS = ((0.0, 1), (30.0, 6), (60.0, 10))
 ROWS = {"figure4": (4, 4), "figure5": (3,), "figure6": (3,), "figure7": (2,), "figure9": (4,)}
 
 
 @pytest.fixture(scope="module")
 def model() -> SPMM:
-    return planted_model(rings=RINGS)
+    return planted_model(rings=FEW_RINGS)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,8 @@ from spmm_torch.figures.variance import Efficiency, gain, hits_at, shade_by_samp
 from spmm_torch.geometry.directions import direction_from_angles, texel_at
 from spmm_torch.render import CosineSampled, EnvironmentLight, RenderSettings
 from tests.benchmarks.sampling_variance import glossy_model
-from tests.render.planted import DIFFUSE, Shiny, planted_model
+from tests.planted.materials import Shiny
+from tests.planted.models import DIFFUSE, planted_model
 
 SIZE = 64
 WO = direction_from_angles(torch.tensor(0.7), torch.tensor(0.4))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.config.fit import DictionaryConfig
 from spmm_torch.fit.dictionary import FoundLobes, merge_lobes
 from spmm_torch.geometry.directions import ring_directions
-from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
+from tests.planted.lobes import Lobe, lobe_batch
 
 RINGS = ring_directions(((0.0, 1), (30.0, 6), (60.0, 12)))
 GRID = DirectionGrid.build(RINGS, RINGS, torch.device("cpu"))
@@ -17,13 +16,7 @@ GRID = DirectionGrid.build(RINGS, RINGS, torch.device("cpu"))
 
 def found() -> FoundLobes:
     """Exponents 10 and 10.01 are alike, 300 is apart; the second is from the better fit."""
-    exponent = torch.tensor([10.0, 10.01, 300.0])
-    lobes = LobeBatch(
-        torch.full((3,), MODEL_NAMES.index("blinn_phong")),
-        torch.stack((exponent, torch.zeros(3), torch.zeros(3)), dim=1),
-        torch.tensor([[0.0, 0.0, 1.0]]).expand(3, 3),
-        torch.zeros(3),
-    )
+    lobes = lobe_batch(*(Lobe("blinn_phong", (n,)) for n in (10.0, 10.01, 300.0)))
     return FoundLobes(
         lobes, torch.tensor([0, 1, 1]), torch.tensor([0.3, 0.1, 0.2]).double(), torch.zeros(3)
     )

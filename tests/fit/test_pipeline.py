@@ -4,31 +4,29 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable
 
 import pytest
 import torch
 from torch import Tensor
 
 from spmm_torch import BTF, ConfigError, FitConfig
-from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES
 from spmm_torch.data import blocks
 from spmm_torch.fit import FitResult, fit
 from spmm_torch.fit.pipeline import with_lobe_limit
 from spmm_torch.fit.select import alternate
-from spmm_torch.geometry.directions import direction_from_angles, ring_directions
-from spmm_torch.lobes.batch import LobeBatch
+from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.report import check_report
 from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.device import resolve_device
 from spmm_torch.runtime.progress import Progress
+from tests.planted.btfs import random_btf, texel_btf
+from tests.planted.lobes import Lobe, lobe_batch
+from tests.planted.models import measured_values
 
 DIRECTIONS = ring_directions(((0.0, 1), (35.0, 6), (65.0, 12)))
-# Model, parameters, and tilt of the normal (polar, azimuth in degrees) of every planted lobe.
-Planted = tuple[str, tuple[float, ...], float, float]
-PALETTES: tuple[tuple[Planted, ...], ...] = (
-    (("lambertian", (), 0.0, 0.0), ("ward", (0.35, 0.35), 15.0, 40.0)),
-    (("blinn_phong", (12.0,), 20.0, 200.0),),
+PALETTES = (
+    (Lobe("lambertian"), Lobe("ward", (0.35, 0.35), 15.0, 40.0)),
+    (Lobe("blinn_phong", (12.0,), 20.0, 200.0),),
 )
 SIDE = 4
 SMALL = {
@@ -39,22 +37,6 @@ SMALL = {
 }
 
 
-def lobe_batch(palette: tuple[Planted, ...]) -> LobeBatch:
-    kappa = torch.zeros(len(palette), MAX_PARAMETERS)
-    for row, (_, values, _, _) in enumerate(palette):
-        kappa[row, : len(values)] = torch.tensor(values)
-    tilt = torch.deg2rad(torch.tensor([lobe[2:] for lobe in palette]))
-    normal = direction_from_angles(tilt[:, 0], tilt[:, 1])
-    model = torch.tensor([MODEL_NAMES.index(lobe[0]) for lobe in palette])
-    return LobeBatch(model, kappa, normal, torch.zeros(len(palette)))
-
-
-def texel_major_btf(values: Tensor, height: int, width: int) -> BTF:
-    """A BTF of values `[T, V, L, 3]`."""
-    pictures = values.permute(1, 2, 0, 3).unflatten(2, (height, width))
-    return BTF.from_values(pictures.contiguous(), DIRECTIONS, DIRECTIONS)
-
-
 def planted_btf() -> tuple[BTF, list[int]]:
     """4 x 4 texels with the lobes of one of two palettes, and their number of lobes."""
     generator = torch.Generator().manual_seed(1)
@@ -62,20 +44,18 @@ def planted_btf() -> tuple[BTF, list[int]]:
     for texel in range(SIDE * SIDE):
         palette = PALETTES[texel // 2 % len(PALETTES)]
         weight = 0.1 + torch.rand(len(palette), 3, generator=generator)
-        rho = lobe_batch(palette).eval(DIRECTIONS[None, None], DIRECTIONS[None, :, None])
-        values.append(torch.einsum("jvl,jc->vlc", rho, weight))
+        values.append(lobe_batch(*palette).eval_grid(DIRECTIONS, DIRECTIONS).T @ weight)
         counts.append(len(palette))
-    return texel_major_btf(torch.stack(values), SIDE, SIDE), counts
+    return texel_btf(torch.stack(values), DIRECTIONS, height=SIDE), counts
 
 
 def noisy(height: int, width: int, black: tuple[int, ...] = ()) -> BTF:
     """Rough texels that no model fits; `black` ones reflect nothing."""
     generator = torch.Generator().manual_seed(2)
-    cosine = DIRECTIONS[:, 2].clamp(min=0.0)[:, None]
-    count = len(DIRECTIONS)
-    values = cosine * (0.5 + torch.rand(height * width, count, count, 3, generator=generator))
+    cosine = DIRECTIONS[:, 2].repeat(len(DIRECTIONS))[:, None]  # [D, 1]
+    values = cosine * (0.5 + torch.rand(height * width, len(cosine), 3, generator=generator))
     values[list(black)] = 0.0
-    return texel_major_btf(values, height, width)
+    return texel_btf(values, DIRECTIONS, height=height)
 
 
 def small(**sections: dict[str, object]) -> FitConfig:
@@ -87,21 +67,13 @@ def small(**sections: dict[str, object]) -> FitConfig:
     return FitConfig.from_dict(merged)
 
 
-def expanded(result: FitResult, residual: bool) -> Tensor:
-    """The model's values `[T, D, C]` at all measured pairs."""
-    model = result.model.requires_grad_(False)
-    rows = [[model.picture(wi, wo, residual) for wi in model.light] for wo in model.view]
-    pictures = torch.stack([torch.stack(row) for row in rows])  # [V, L, H, W, C]
-    return pictures.flatten(2, 3).flatten(0, 1).transpose(0, 1)
-
-
 def check_errors(btf: BTF, result: FitResult) -> None:
     """The report is complete, and its errors are those of the model over all values."""
     check_report(result.report)
     values = btf.texels().double()
     energy = float(values.square().sum())
     for name, residual in (("without_residual", False), ("with_residual", True)):
-        error = float((expanded(result, residual).double() - values).square().sum())
+        error = float((measured_values(result.model, residual).double() - values).square().sum())
         reported = energy * 10.0 ** (-result.report["snr_db"][name] / 10.0)
         assert math.isclose(reported, error, rel_tol=2e-3, abs_tol=1e-5 * energy)
 
@@ -165,8 +137,7 @@ def test_one_texel() -> None:
 
 
 def test_constant_texture() -> None:
-    one = noisy(1, 1).texels().view(1, len(DIRECTIONS), len(DIRECTIONS), 3)
-    btf = texel_major_btf(one.expand(9, -1, -1, -1), 3, 3)
+    btf = texel_btf(noisy(1, 1).texels().expand(9, -1, -1), DIRECTIONS, height=3)
     told = io.StringIO()
     result = fit(btf, small(), Context.build("cpu", progress=Progress(told)), render=False)
     check_errors(btf, result)
@@ -183,25 +154,12 @@ def test_black_texels(method: str) -> None:
     result = fit(btf, small(search=search, select={"method": method}), render=False)
     check_errors(btf, result)
     assert result.model.weight.isfinite().all()
-    assert float(expanded(result, False)[list(black)].abs().max()) < 0.05
+    assert float(measured_values(result.model, False)[list(black)].abs().max()) < 0.05
 
 
-def one_pair() -> BTF:
-    generator = torch.Generator().manual_seed(0)
-    return BTF.from_values(
-        torch.rand(1, 1, 3, 3, 3, generator=generator), DIRECTIONS[:1], DIRECTIONS[1:2]
-    )
-
-
-def one_view() -> BTF:
-    generator = torch.Generator().manual_seed(0)
-    values = torch.rand(1, len(DIRECTIONS), 3, 3, 3, generator=generator)
-    return BTF.from_values(values, DIRECTIONS[3:4], DIRECTIONS)
-
-
-@pytest.mark.parametrize("make", [one_pair, one_view])
-def test_few_pairs(make: Callable[[], BTF]) -> None:
-    btf = make()
+@pytest.mark.parametrize("light", [DIRECTIONS[1:2], DIRECTIONS], ids=["one pair", "one view"])
+def test_few_pairs(light: Tensor) -> None:
+    btf = random_btf(light, 3, 3, view=DIRECTIONS[3:4])
     result = fit(btf, small(), render=False)
     check_errors(btf, result)
     assert result.report["direction_pairs"] == btf.pair_count
@@ -210,7 +168,7 @@ def test_few_pairs(make: Callable[[], BTF]) -> None:
 def test_high_dynamic_range() -> None:
     """Scale changes decibels not at all: the search is relative to each signal."""
     dim = noisy(2, 3)
-    bright = texel_major_btf(1e4 * dim.texels().view(6, len(DIRECTIONS), len(DIRECTIONS), 3), 2, 3)
+    bright = texel_btf(1e4 * dim.texels(), DIRECTIONS, height=2)
     a, b = fit(dim, small(), render=False).report, fit(bright, small(), render=False).report
     for name in ("without_residual", "with_residual", "cluster_mean"):
         assert b["snr_db"][name] == pytest.approx(a["snr_db"][name], abs=0.1)

@@ -14,7 +14,8 @@ from spmm_torch.fit import FitResult, fit
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.report import check_report
-from tests.render.planted import planted_model, tabulated
+from tests.planted.btfs import tabulated, texel_btf
+from tests.planted.models import planted_model
 
 RINGS = ((0.0, 1), (25.0, 6), (50.0, 10), (75.0, 14))
 COUNT = len(ring_directions(RINGS))
@@ -53,9 +54,8 @@ def planted(damage: Tensor | None = None) -> BTF:
     btf = tabulated(planted_lobes())
     if damage is None:
         return btf
-    values = btf.texels().view(btf.height, btf.width, COUNT, COUNT, 3).permute(2, 3, 0, 1, 4)
-    other = torch.where(damage[..., None, None, None], 0.0, values)
-    return BTF.from_values(other.contiguous(), btf.view, btf.light)
+    other = torch.where(damage.flatten()[:, None], 0.0, btf.texels())
+    return texel_btf(other, btf.light, height=btf.height)
 
 
 def scattered(share: float) -> Tensor:
@@ -110,9 +110,8 @@ def rough() -> BTF:
     """The planted values times noise."""
     generator = torch.Generator().manual_seed(3)
     btf = planted()
-    noise = 1.0 + 0.3 * torch.rand(COUNT, COUNT, 8, 8, 3, generator=generator)
-    values = btf.texels().view(8, 8, COUNT, COUNT, 3).permute(2, 3, 0, 1, 4) * noise
-    return BTF.from_values(values.contiguous(), btf.view, btf.light)
+    noise = 1.0 + 0.3 * torch.rand(btf.texels().shape, generator=generator)
+    return texel_btf(btf.texels() * noise, btf.light, height=btf.height)
 
 
 def test_even_weights_change_nothing_but_rounding() -> None:

@@ -10,18 +10,11 @@ from torch import Tensor
 
 from spmm_torch.geometry.directions import UBO2014_RINGS, direction_from_angles, ring_directions
 from spmm_torch.geometry.hemisphere import HemisphereInterpolation
+from tests.planted.directions import random_directions
 
 
 def vector(*values: float) -> Tensor:
     return torch.tensor(values, dtype=torch.float64)
-
-
-def random_directions(count: int, seed: int, max_theta: float = math.pi / 2.0) -> Tensor:
-    """Unit directions `[count, 3]` within `max_theta` of z, even by area, float64."""
-    generator = torch.Generator().manual_seed(seed)
-    u = torch.rand(count, 2, generator=generator, dtype=torch.float64)
-    theta = torch.arccos(1.0 - u[:, 0] * (1.0 - math.cos(max_theta)))
-    return direction_from_angles(theta, 2.0 * math.pi * u[:, 1])
 
 
 def one_ring(theta: float, count: int) -> Tensor:

@@ -1,7 +1,7 @@
 """Inputs that are hard to fit, made here, each with the least accuracy that is promised for it.
 
-`tests/hard/test_bounds.py` holds every case to its bound; `python -m tests.hard.figures` prints
-what is reached; `docs/hard_cases.md` shows both.
+`tests/hard/test_bounds.py` holds every case to its bound; `python -m tests.benchmarks.hard_cases`
+prints what is reached; `docs/hard_cases.md` shows both.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import torch
 from torch import Tensor
 
 from spmm_torch import BTF, FitConfig
-from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES
 from spmm_torch.fit import FitResult, fit
 from spmm_torch.geometry.directions import direction_from_angles, direction_pairs, ring_directions
-from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.metrics import snr_db
+from tests.planted.btfs import texel_btf
+from tests.planted.lobes import Lobe, lobe_batch
 
 # 31 directions, 20 degrees apart, and five rings of ten that reach the horizon.
 COARSE = ring_directions(((0.0, 1), (20.0, 6), (40.0, 10), (60.0, 14)))
@@ -35,17 +35,6 @@ STEEPEST = 60.0
 
 
 @dataclass(frozen=True)
-class Lobe:
-    """A planted lobe: model, parameters, tilt of its normal and turn of its tangent in degrees."""
-
-    model: str
-    kappa: tuple[float, ...] = ()
-    tilt: float = 0.0
-    azimuth: float = 0.0
-    turn: float = 0.0
-
-
-@dataclass(frozen=True)
 class Planted:
     """A sum of lobes of given weights `[J, 3]`; a function of directions."""
 
@@ -54,19 +43,9 @@ class Planted:
 
     def __call__(self, wi: Tensor, wo: Tensor) -> Tensor:
         """Values `[Q, 3]` at wi and wo `[Q, 3]`, float64."""
-        rho = batch(self.lobes).eval(wi.double()[None], wo.double()[None])  # [J, Q]
+        lobes = lobe_batch(*self.lobes, dtype=torch.float64)
+        rho = lobes.eval(wi.double()[None], wo.double()[None])  # [J, Q]
         return rho.T @ torch.tensor(self.weights, dtype=torch.float64)
-
-
-def batch(lobes: tuple[Lobe, ...]) -> LobeBatch:
-    """The lobes in float64."""
-    kappa = torch.zeros(len(lobes), MAX_PARAMETERS, dtype=torch.float64)
-    for row, lobe in zip(kappa, lobes, strict=True):
-        row[: len(lobe.kappa)] = torch.tensor(lobe.kappa)
-    angles = [(lobe.tilt, lobe.azimuth, lobe.turn) for lobe in lobes]
-    tilt, azimuth, turn = torch.deg2rad(torch.tensor(angles, dtype=torch.float64)).unbind(-1)
-    model = torch.tensor([MODEL_NAMES.index(lobe.model) for lobe in lobes])
-    return LobeBatch(model, kappa, direction_from_angles(tilt, azimuth), turn)
 
 
 def texture(
@@ -77,10 +56,7 @@ def texture(
     dtype: torch.dtype = torch.float32,
 ) -> BTF:
     """A BTF one texel high of values `[D, 3]` each."""
-    count = len(directions)
-    values = torch.stack(texels).view(len(texels), count, count, 3)
-    pictures = values.to(dtype).permute(1, 2, 0, 3)[:, :, None].contiguous()  # [V, L, 1, T, 3]
-    return BTF.from_values(pictures, directions, directions, name=name, negative=negative)
+    return texel_btf(torch.stack(texels).to(dtype), directions, name=name, negative=negative)
 
 
 def planted_texture(truths: list[Planted], directions: Tensor, name: str) -> BTF:

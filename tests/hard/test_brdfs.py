@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from tests.benchmarks.material_errors import shared_data
 from tests.hard.brdfs import FACTOR, figure, fitted
+from tests.locations import needs_data
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not shared_data().is_dir(), reason=f"no test data at {shared_data()}")
+@needs_data("measured_brdfs.npz")
 @pytest.mark.parametrize(
     "name", ["merl/white-paint", "merl/alum-bronze", "merl/blue-metallic-paint"]
 )

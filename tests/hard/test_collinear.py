@@ -10,7 +10,8 @@ from torch import Tensor
 
 from spmm_torch.solvers.foba import select_foba
 from spmm_torch.solvers.nnls import nnls_gram
-from tests.hard.cases import COARSE, TWINS, batch
+from tests.hard.cases import COARSE, TWINS
+from tests.planted.lobes import lobe_batch
 
 PAIRS, TEXELS = 400, 5
 
@@ -74,6 +75,6 @@ def test_selection_takes_one_of_two_that_are_alike() -> None:
 
 
 def test_twins_are_as_alike_as_they_say() -> None:
-    rho = batch(TWINS.lobes).eval_grid(COARSE.double(), COARSE.double())
+    rho = lobe_batch(*TWINS.lobes, dtype=torch.float64).eval_grid(COARSE.double(), COARSE.double())
     rho = rho / rho.norm(dim=1, keepdim=True)
     assert np.linalg.cond((rho @ rho.T).numpy()) > 1e8

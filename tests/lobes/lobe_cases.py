@@ -9,10 +9,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch.brdf import BRDF, MAX_PARAMETERS, MODEL_NAMES, REGISTRY
+from spmm_torch.brdf import BRDF, MODEL_NAMES, REGISTRY
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.sampling import LobeTable
+from tests.planted.lobes import Lobe, lobe_batch
 
 # Widths (slope of the half vector) along tangent and bitangent; the first for isotropic models.
 WIDTHS = {"wide": (0.7, 0.35), "narrow": (0.05, 0.02)}
@@ -56,11 +57,9 @@ def unit_vector(degrees: float, azimuth: float) -> Tensor:
 
 def lobe(name: str, kappa: tuple[float, ...], tilt: float, azimuth: float = 0.7) -> LobeBatch:
     """One lobe, tilted by `tilt` degrees towards `azimuth`, float64."""
-    model = MODEL_NAMES.index(name)
-    padded = torch.zeros(1, MAX_PARAMETERS, dtype=torch.float64)
-    padded[0, : len(kappa)] = torch.tensor(kappa, dtype=torch.float64)
-    turn = torch.tensor([TURN * REGISTRY[model].anisotropic], dtype=torch.float64)
-    return LobeBatch(torch.tensor([model]), padded, unit_vector(tilt, azimuth)[None], turn)
+    turn = TURN * REGISTRY[MODEL_NAMES.index(name)].anisotropic
+    one = Lobe(name, kappa, tilt, math.degrees(azimuth), math.degrees(turn))
+    return lobe_batch(one, dtype=torch.float64)
 
 
 @dataclass(frozen=True)

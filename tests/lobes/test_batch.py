@@ -6,7 +6,6 @@ import math
 
 import pytest
 import torch
-from brdf_cases import near_mirror, parameters_at, rotate_about_z, upper_directions
 from torch import Tensor
 
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
@@ -26,6 +25,7 @@ from spmm_torch.lobes.batch import (
     decode,
     encode,
 )
+from tests.brdf.brdf_cases import near_mirror, parameters_at, rotate_about_z, upper_directions
 
 ALL = range(len(REGISTRY))
 NARROW = 0.1

@@ -10,9 +10,9 @@ from torch import Tensor
 
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import direction_from_angles
-from spmm_torch.lobes import pairs
-from spmm_torch.lobes.batch import COORDINATES, LobeBatch, decode
+from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.pairs import eval_pairs
+from tests.planted.lobes import random_lobes
 
 LOBES, QUERIES = 19, 50
 
@@ -23,8 +23,8 @@ def seeded(seed: int) -> torch.Generator:
 
 def lobes(dtype: torch.dtype = torch.float32) -> LobeBatch:
     """Of all models, in an order that mixes them."""
-    coordinates = 0.2 + 0.5 * torch.rand(LOBES, COORDINATES, generator=seeded(1), dtype=dtype)
-    return decode(torch.arange(LOBES) * 3 % len(MODEL_NAMES), coordinates)
+    names = [MODEL_NAMES[3 * lobe % len(MODEL_NAMES)] for lobe in range(LOBES)]
+    return random_lobes(names, seeded(1), dtype=dtype)
 
 
 def directions(seed: int, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -58,13 +58,12 @@ def test_no_pairs() -> None:
     assert eval_pairs(lobes(), none, none, directions(4), directions(5)).shape == (0,)
 
 
-def test_block_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_size_changes_nothing() -> None:
     lobe = torch.randint(0, LOBES, (2000,), generator=seeded(2))
     query = torch.randint(0, QUERIES, (2000,), generator=seeded(3))
     arguments = (lobes(), lobe, query, directions(4), directions(5))
     whole = eval_pairs(*arguments)
-    monkeypatch.setattr(pairs, "CPU_BLOCK", 1)
-    assert torch.equal(eval_pairs(*arguments), whole)
+    assert torch.equal(eval_pairs(*arguments, block=1), whole)
 
 
 def test_gradients_are_those_of_single_lobes() -> None:

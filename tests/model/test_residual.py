@@ -12,6 +12,7 @@ from torch import Tensor
 
 from spmm_torch.geometry.directions import direction_from_angles, ring_directions
 from spmm_torch.model.residual import Residual, decode_residual, encode_residual
+from tests.planted.directions import random_directions
 
 LIGHT = ring_directions(((0.0, 1), (40.0, 6), (75.0, 12)))
 VIEW = ring_directions(((0.0, 1), (30.0, 5), (60.0, 9)))
@@ -27,13 +28,6 @@ def signed(*shape: int, seed: int = 0) -> Tensor:
 def residual() -> Residual:
     code, scale = encode_residual(signed(CLUSTERS, len(VIEW), len(LIGHT), 3), torch.float16)
     return Residual(code, scale, LIGHT, VIEW)
-
-
-def random_directions(count: int, seed: int) -> Tensor:
-    """Directions spread over the whole upper hemisphere, near the horizon too."""
-    generator = torch.Generator().manual_seed(seed)
-    theta = 0.5 * math.pi * torch.rand(count, generator=generator)
-    return direction_from_angles(theta, 2 * math.pi * torch.rand(count, generator=generator))
 
 
 @given(st.floats(-35.0, 35.0), st.integers(0, 100))
@@ -77,7 +71,7 @@ def test_measured_pairs_return_their_value(residual: Residual) -> None:
 
 def test_between_stays_within_the_measured_values(residual: Residual) -> None:
     stored = decode_residual(residual.code, residual.scale)
-    wi, wo = random_directions(2000, 1), random_directions(2000, 2)
+    wi, wo = (random_directions(2000, seed).float() for seed in (1, 2))
     for cluster in range(CLUSTERS):
         found = residual(torch.tensor(cluster), wi, wo)
         assert found.shape == (2000, 3)
@@ -132,7 +126,7 @@ def test_lights_measured_on_the_horizon() -> None:
 def test_one_pair_only() -> None:
     up = torch.tensor([[0.0, 0.0, 1.0]])
     residual = Residual(torch.full((1, 1, 1, 3), 2.0), torch.ones(1), up, up)
-    found = residual(torch.tensor(0), random_directions(5, 1), up)
+    found = residual(torch.tensor(0), random_directions(5, 1).float(), up)
     assert found.shape == (5, 3)
     assert ((found > 0.0) & (found <= 2.0)).all()
     assert torch.equal(residual(torch.tensor(0), up[0], up[0]), torch.full((3,), 2.0))
@@ -151,7 +145,7 @@ def test_blend_is_the_sum_of_its_clusters(residual: Residual) -> None:
     cluster = torch.cartesian_prod(*[torch.arange(CLUSTERS)] * 4)  # [81, 4]
     share = torch.rand(len(cluster), 4, generator=generator)
     share[::3, 1] = 0.0
-    wi, wo = random_directions(len(cluster), 5), random_directions(len(cluster), 6)
+    wi, wo = (random_directions(len(cluster), seed).float() for seed in (5, 6))
     each = residual(cluster, wi[:, None], wo[:, None])  # [81, 4, C]
     expected = (each * share[..., None]).sum(dim=1)
     torch.testing.assert_close(residual.blend(cluster, share, wi, wo), expected)

@@ -254,12 +254,13 @@ def test_queries_of_float64_on_a_model_of_float32(planted: Planted) -> None:
     assert wi.dtype == found.dtype == torch.float64
 
 
-def test_block_size_changes_nothing(planted: Planted, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_size_changes_nothing(planted: Planted) -> None:
     data, u, wo = planted.data(), uniform(200), unit_vector(40.0, 0.3)
     whole = sample(data, *query(None, wo, u), u)
-    monkeypatch.setattr(sampling, "SAMPLED_ENTRIES", 7 * 4 * data.longest)
-    torch.testing.assert_close(sample(data, *query(None, wo, u), u), whole)
-    torch.testing.assert_close(density(data, None, wo, whole[0]), whole[1])
+    block = 7 * 4 * data.longest
+    torch.testing.assert_close(sample(data, *query(None, wo, u), u, block=block), whole)
+    where, share, views = query(None, wo, whole[0])
+    torch.testing.assert_close(pdf(data, where, share, whole[0], views, block=block), whole[1])
 
 
 def test_no_query_is_fine(planted: Planted) -> None:

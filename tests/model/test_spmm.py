@@ -12,13 +12,12 @@ from torch import Tensor
 from spmm_torch import SPMM, DataError, OutputError
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import direction_from_angles, ring_directions
-from spmm_torch.lobes.batch import COORDINATES, decode
 from spmm_torch.model import spmm as model_module
-from spmm_torch.model.residual import Residual, encode_residual
-from spmm_torch.model.spmm import SparseWeights
 from spmm_torch.runtime import tensor_file
+from tests.planted.directions import random_directions
+from tests.planted.models import uneven_model
 
-HEIGHT, WIDTH, CLUSTERS = 3, 4, 2
+HEIGHT, WIDTH, CLUSTERS, NAME = 3, 4, 2, "wool · felt"
 LIGHT = ring_directions(((0.0, 1), (35.0, 6), (70.0, 10)))
 VIEW = ring_directions(((0.0, 1), (40.0, 7)))
 # Texels 0, 5 and the last have no lobes; texel 2 has them all.
@@ -26,18 +25,7 @@ COUNTS = (0, 1, len(MODEL_NAMES), 2, 3, 0, 1, 2, 4, 1, 1, 0)
 
 
 def build(counts: tuple[int, ...] = COUNTS, precision: torch.dtype = torch.float16) -> SPMM:
-    generator = torch.Generator().manual_seed(5)
-    lobe_count = len(MODEL_NAMES)
-    coordinates = 0.2 + 0.4 * torch.rand(lobe_count, COORDINATES, generator=generator)
-    index = [torch.randperm(lobe_count, generator=generator)[:count] for count in counts]
-    offset = torch.tensor([0, *counts]).cumsum(0)
-    weight = torch.rand(sum(counts), 3, generator=generator)
-    values = 0.1 * torch.randn(CLUSTERS, len(VIEW), len(LIGHT), 3, generator=generator)
-    residual = Residual(*encode_residual(values, precision), LIGHT, VIEW)
-    lobes = decode(torch.arange(lobe_count), coordinates)
-    labels = torch.arange(len(counts)) % CLUSTERS
-    weights = SparseWeights(offset, torch.cat(index), weight)
-    return SPMM(HEIGHT, WIDTH, lobes, weights, labels, residual, LIGHT, VIEW, "wool · felt")
+    return uneven_model(counts, HEIGHT, LIGHT, VIEW, CLUSTERS, precision=precision, name=NAME)
 
 
 @pytest.fixture
@@ -55,9 +43,7 @@ def all_centres() -> Tensor:
 
 
 def directions(count: int, seed: int) -> Tensor:
-    generator = torch.Generator().manual_seed(seed)
-    theta = 1.5 * torch.rand(count, generator=generator)
-    return direction_from_angles(theta, 2 * math.pi * torch.rand(count, generator=generator))
+    return random_directions(count, seed, max_theta=1.5, dtype=torch.float32)
 
 
 def direct(model: SPMM, texel: int, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
@@ -194,7 +180,7 @@ def test_round_trip(tmp_path: Path, counts: tuple[int, ...], precision: torch.dt
     model = build(counts, precision)
     (tmp_path / tensor_file.MODEL_FILE).write_bytes(model.pack())
     loaded = SPMM.load(tmp_path)
-    assert (loaded.height, loaded.width, loaded.name) == (HEIGHT, WIDTH, "wool · felt")
+    assert (loaded.height, loaded.width, loaded.name) == (HEIGHT, WIDTH, NAME)
     assert torch.equal(loaded.lobe_model, model.lobe_model)
     theirs = loaded.state_dict()
     for name, tensor in model.state_dict().items():
@@ -261,23 +247,36 @@ def directions_on_hemisphere(count: int, generator: torch.Generator) -> Tensor:
     return direction_from_angles(torch.arccos(u[:, 0]), 2.0 * math.pi * u[:, 1])
 
 
-def test_sampling_shapes_and_renewal(model: SPMM) -> None:
+def test_sampling_data_are_kept_until_they_are_renewed(model: SPMM) -> None:
+    wi, wo = directions(20, 1), directions(20, 2)
+    before = model.pdf(centre(2), wi, wo)
+    model.weight.data *= torch.linspace(0.0, 1.0, len(model.weight))[:, None]
+    assert torch.equal(model.pdf(centre(2), wi, wo), before)
+    model.sampling_data(renew=True)
+    fresh = SPMM.from_tensors(*model.to_tensors())
+    assert torch.equal(model.pdf(centre(2), wi, wo), fresh.pdf(centre(2), wi, wo))
+    assert not torch.allclose(model.pdf(centre(2), wi, wo), before)
+
+
+def test_sampling_shapes(model: SPMM) -> None:
     wo = directions(5, 1)
     wi, rgb, density = model.sample(centre(3), wo[None], torch.rand(2, 5, 3))
     assert (wi.shape, rgb.shape, density.shape) == ((2, 5, 3), (2, 5, 3), (2, 5))
-    assert model.sampling_data() is model.sampling_data()
-    assert model.sampling_data(renew=True) is not None
     assert model.pdf(centre(3), torch.tensor([0.0, 0.0, -1.0]), wo[0]).item() == 0.0
 
 
 def test_precision_of_the_process_does_not_reach_in(model: SPMM) -> None:
     """Directions rounded to bfloat16, as programs that train networks ask for, miss lobes."""
-    wi, wo = directions(64, 1), directions(64, 2)
-    uv = torch.rand(64, 2, generator=torch.Generator().manual_seed(0))
-    expected = model(uv, wi, wo)
+    wi, wo, uv = directions(1, 1), directions(1, 2), all_centres()
+    u = torch.rand(len(uv), 3, generator=torch.Generator().manual_seed(0))
+    expected = torch.cat([direct(model, texel, wi, wo) for texel in range(HEIGHT * WIDTH)])
+    pairs = directions(64, 1), directions(64, 2)
+    sampled, density = model.sample(uv, wo, u), model.pdf(centre(2), *pairs)
     with torch.autocast("cpu", dtype=torch.bfloat16):
-        assert torch.equal(model(uv, wi, wo), expected)
-        assert torch.equal(model.picture(wi[0], wo[0]), model.picture(wi[0], wo[0]).float())
+        for found in (model(uv, wi, wo), model.picture(wi[0], wo[0]).flatten(0, 1)):
+            torch.testing.assert_close(found, expected, rtol=1e-5, atol=2e-6)
+        assert all(map(torch.equal, model.sample(uv, wo, u), sampled))
+        assert torch.equal(model.pdf(centre(2), *pairs), density)
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])

@@ -17,7 +17,7 @@ from spmm_torch.model.stored_models import (
     stored_kappa,
     stored_names,
 )
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 # Two models more than there are, the last with more parameters than any.
 EXTENDED = (*MODEL_NAMES, "later", "latest")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from spmm_torch.render import RenderSettings
 from tests.benchmarks.render_sphere import benchmark
-from tests.render.planted import Lambertian, planted_model
+from tests.planted.materials import Lambertian
+from tests.planted.models import planted_model
 
 
 def test_parts_are_measured() -> None:

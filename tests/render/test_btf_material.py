@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,10 +21,10 @@ from spmm_torch.render import (
     Scene,
     Sphere,
     Texture,
-    btf_material,
     render,
 )
-from tests.render.planted import DIFFUSE, FINE_RINGS, GLOSSY, planted_model, tabulated
+from tests.planted.btfs import random_btf, tabulated
+from tests.planted.models import DIFFUSE, FINE_RINGS, GLOSSY, planted_model
 
 HEIGHT, WIDTH = 3, 5
 LIGHT = ring_directions(((0.0, 1), (40.0, 6), (70.0, 9)))
@@ -32,9 +33,7 @@ VIEW = ring_directions(((0.0, 1), (50.0, 7)))
 
 @pytest.fixture
 def btf() -> BTF:
-    generator = torch.Generator().manual_seed(0)
-    values = torch.rand(len(VIEW), len(LIGHT), HEIGHT, WIDTH, 3, generator=generator)
-    return BTF.from_values(values, VIEW, LIGHT)
+    return random_btf(LIGHT, HEIGHT, WIDTH, VIEW)
 
 
 def centre(row: int, column: int) -> torch.Tensor:
@@ -79,17 +78,14 @@ def test_below_the_lowest_ring_light_fades(btf: BTF) -> None:
     assert bool((material(at, LIGHT[0], under) == 0.0).all())
 
 
-def test_shapes_broadcast_and_blocks_change_nothing(
-    btf: BTF, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shapes_broadcast_and_blocks_change_nothing(btf: BTF) -> None:
     material = BTFMaterial.build(btf)
     uv = torch.rand(6, 1, 2, generator=torch.Generator().manual_seed(1))
     whole = material(uv, LIGHT[:4], VIEW[1])
     assert whole.shape == (6, 4, 3)
     torch.testing.assert_close(whole[2, 3], material(uv[2, 0], LIGHT[3], VIEW[1]))
-    monkeypatch.setattr(btf_material, "TEXEL_VALUES", 1)
-    monkeypatch.setattr(btf_material, "PICKED_VALUES", 81)
-    torch.testing.assert_close(material(uv, LIGHT[:4], VIEW[1]), whole)
+    in_blocks = replace(material, texel_values=1, picked_values=81)
+    torch.testing.assert_close(in_blocks(uv, LIGHT[:4], VIEW[1]), whole)
     assert material(uv[:0], LIGHT[:4], VIEW[1]).shape == (0, 4, 3)
 
 
@@ -102,9 +98,9 @@ def test_each_texel_is_read_once(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> N
 
     whole = BTF.texels
     monkeypatch.setattr(BTF, "texels", texels)
-    monkeypatch.setattr(btf_material, "TEXEL_VALUES", 4 * btf.pair_count * 3)
     uv = torch.rand(300, 2, generator=torch.Generator().manual_seed(2))
-    BTFMaterial.build(btf)(uv, LIGHT[1], VIEW[1])
+    material = replace(BTFMaterial.build(btf), texel_values=4 * btf.pair_count * 3)
+    material(uv, LIGHT[1], VIEW[1])
     assert read == list(range(HEIGHT * WIDTH))
 
 

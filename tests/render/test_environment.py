@@ -17,7 +17,7 @@ from spmm_torch.geometry.warp import square_to_uniform_hemisphere
 from spmm_torch.render import CosineSampled, EnvironmentLight, SampledMaterial, turn
 from spmm_torch.render.direct import from_environment, lit_values
 from spmm_torch.render.material import with_sampler
-from tests.render.planted import Lambertian, Shiny, hits_of
+from tests.planted.materials import Lambertian, Shiny, hits_of
 
 SIGNIFICANCE = 0.01
 

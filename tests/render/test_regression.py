@@ -23,7 +23,7 @@ from spmm_torch.render import (
     Texture,
     render,
 )
-from tests.render.planted import DIFFUSE, planted_model
+from tests.planted.models import DIFFUSE, planted_model
 
 REFERENCE = Path(__file__).with_name("reference.exr")
 SIZE, SAMPLES, REFERENCE_SAMPLES = 40, 36, 400

@@ -25,7 +25,8 @@ from spmm_torch.render import (
     renderer,
     turn,
 )
-from tests.render.planted import Lambertian, planted_model
+from tests.planted.materials import Lambertian
+from tests.planted.models import planted_model
 
 ALBEDO = (0.8, 0.5, 0.2)
 FRONT = Camera.orthographic()

@@ -5,65 +5,43 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-import torch
-from torch import Tensor
 
 from spmm_torch.brdf import PAPER_MODELS
 from spmm_torch.data import BTF
 from spmm_torch.geometry.directions import ring_directions
-from spmm_torch.lobes.batch import COORDINATES, decode
-from spmm_torch.model.residual import Residual
-from spmm_torch.model.spmm import SPMM, SparseWeights
+from spmm_torch.model.spmm import SPMM
+from tests.planted.btfs import texel_btf
+from tests.planted.models import measured_values, uneven_model
 
-CLUSTERS, LOBES = 4, 2 * len(PAPER_MODELS)
+CLUSTERS, NAMES = 4, 2 * PAPER_MODELS
 NAME = '<b>"wool" & felt</b>'
 
 
-def build_model(directions: Tensor, height: int, width: int, most_lobes: int) -> SPMM:
-    """Texels of 0 to `most_lobes` random lobes each, in clusters with a random residual."""
-    generator = torch.Generator().manual_seed(3)
-    texels, count = height * width, len(directions)
-    coordinates = torch.rand(LOBES, COORDINATES, generator=generator)
-    lobes = decode(torch.arange(LOBES) % len(PAPER_MODELS), coordinates * 0.5)
-    used = torch.randint(most_lobes + 1, (texels,), generator=generator)
-    index = torch.cat([torch.randperm(LOBES, generator=generator)[:number] for number in used])
-    weights = SparseWeights(
-        torch.cat((used.new_zeros(1), used.cumsum(0))),
-        index,
-        torch.rand(len(index), 3, generator=generator),
-    )
-    code = 0.1 * torch.rand(CLUSTERS, count, count, 3, generator=generator)
-    residual = Residual(code, torch.ones(CLUSTERS), directions, directions)
-    labels = torch.randint(CLUSTERS, (texels,), generator=generator)
-    light = directions.clone()  # safetensors refuses tensors that share memory
-    return SPMM(height, width, lobes, weights, labels, residual, light, directions, NAME)
-
-
-def pictures_of(model: SPMM) -> BTF:
-    """The BTF that `model` is exact for, float32."""
-    with torch.no_grad():
-        values = [[model.picture(wi, wo) for wi in model.light] for wo in model.view]
-    stacked = torch.stack([torch.stack(row) for row in values])  # [V, L, H, W, C]
-    return BTF.from_values(stacked, model.view, model.light, name=NAME)
+def btf_of(model: SPMM) -> BTF:
+    values = measured_values(model)
+    return texel_btf(values, model.light, model.view, model.height, model.name)
 
 
 @pytest.fixture(scope="session")
 def model() -> SPMM:
-    """5 x 7 texels on 19 x 19 directions."""
-    return build_model(ring_directions(((0.0, 1), (45.0, 8), (75.0, 10))), 5, 7, most_lobes=5)
+    """5 x 7 texels of 0 to 5 lobes on 19 x 19 directions; its name has to be escaped."""
+    directions = ring_directions(((0.0, 1), (45.0, 8), (75.0, 10)))
+    counts = [texel % 6 for texel in range(35)]
+    return uneven_model(counts, 5, directions, directions, CLUSTERS, NAMES, name=NAME)
 
 
 @pytest.fixture(scope="session")
 def btf(model: SPMM) -> BTF:
-    """What the model is exact for; its name has to be escaped."""
-    return pictures_of(model)
+    """What the model is exact for."""
+    return btf_of(model)
 
 
 @pytest.fixture(params=[0, 3])
 def one_texel(request: pytest.FixtureRequest) -> tuple[SPMM, BTF]:
     """A single texel, without lobes too."""
-    small = build_model(ring_directions(((0.0, 1), (45.0, 8))), 1, 1, request.param)
-    return small, pictures_of(small)
+    directions = ring_directions(((0.0, 1), (45.0, 8)))
+    small = uneven_model([request.param], 1, directions, directions, names=NAMES, name=NAME)
+    return small, btf_of(small)
 
 
 @pytest.fixture
@@ -75,7 +53,7 @@ def report() -> dict[str, Any]:
         "direction_pairs": 361,
         "channels": 3,
         "clusters": CLUSTERS,
-        "total_basis": LOBES,
+        "total_basis": len(NAMES),
         "mean_basis_per_texel": 4.8,
         "bytes": {"weights": 1800, "dictionary": 700, "residual": 21660, "total": 24500},
         "raw_bytes": 151_620,

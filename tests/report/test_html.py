@@ -5,16 +5,15 @@ from __future__ import annotations
 from configparser import ConfigParser
 from fnmatch import fnmatch
 from importlib.resources import files
-from pathlib import Path
 
 import pytest
 from jinja2 import UndefinedError
 
 from spmm_torch.report.html import render_template
 from spmm_torch.report.views import Picture
+from tests.locations import ROOT
 from tests.report.test_page import Page
 
-ROOT = Path(__file__).parent.parent.parent
 PICTURE = Picture("data:,", '"><script>', "<script>alert(1)</script>")
 
 

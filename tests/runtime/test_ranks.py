@@ -20,8 +20,8 @@ from safetensors.torch import load_file
 
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.runtime.ranks import ALONE, Ranks, joined_ranks, local_count, speaks
+from tests.locations import ROOT
 
-CHECKOUT = Path(__file__).parents[2]
 FILES = ["config.yaml", "log.txt", "model.safetensors", "report.html", "report.json"]
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
 SIDE = 7  # 49 texels: no split of a cluster is even for long
@@ -177,7 +177,7 @@ def run_script(
         command += [f"--master_port={free_port()}"]
     return subprocess.run(
         [*command, str(path), *arguments],
-        cwd=CHECKOUT,
+        cwd=ROOT,
         env=environment(folder / "cache"),
         capture_output=True,
         text=True,

@@ -7,7 +7,6 @@ import torch
 from sklearn.linear_model import Lasso
 from torch import Tensor
 
-from spmm_torch.solvers import stagewise_lasso as module
 from spmm_torch.solvers.stagewise_lasso import StagewiseResult, lasso_threshold, stagewise_lasso
 from spmm_torch.solvers.status import Status
 
@@ -26,12 +25,12 @@ def make_problem(
 
 
 def run(
-    design: Tensor, target: Tensor, step: float, lambda_min: Tensor, max_steps: int = 100_000
+    design: Tensor, target: Tensor, step: float, lambda_min: Tensor, **options: int
 ) -> StagewiseResult:
+    gram, correlation = design.T @ design, target @ design
+    options = {"max_steps": 100_000} | options
     eta = torch.full_like(target[:, 0], step)
-    return stagewise_lasso(
-        design.T @ design, target @ design, eta=eta, lambda_min=lambda_min, max_steps=max_steps
-    )
+    return stagewise_lasso(gram, correlation, eta=eta, lambda_min=lambda_min, **options)
 
 
 def penalized(design: Tensor, target: Tensor, weights: Tensor, penalty: Tensor) -> Tensor:
@@ -93,14 +92,13 @@ def test_backward_steps_remove_an_atom_taken_too_early() -> None:
     torch.testing.assert_close(found.weights, expected, rtol=0, atol=0.05)
 
 
-def test_batched_equals_looped_and_blocks_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_batched_equals_looped_and_blocks_change_nothing() -> None:
     design, target = make_problem(batch=40)
     penalty = 0.05 * (target @ design).amax(1)
     whole = run(design, target, 0.01, penalty).weights
     looped = [run(design, target[i, None], 0.01, penalty[i, None]).weights for i in range(40)]
     assert torch.equal(whole, torch.cat(looped))
-    monkeypatch.setattr(module, "CPU_BLOCK_ELEMENTS", 7 * 12)
-    assert torch.equal(whole, run(design, target, 0.01, penalty).weights)
+    assert torch.equal(whole, run(design, target, 0.01, penalty, cpu_block=7 * 12).weights)
 
 
 def test_own_gram_equals_shared_gram() -> None:

@@ -1,4 +1,4 @@
-"""Runs that the viewers are tried on."""
+"""A run that the viewers are tried on."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from spmm_torch import SPMM
-from spmm_torch.runtime.tensor_file import MODEL_FILE
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
+from tests.planted.runs import model_folder
 
 
 @pytest.fixture
@@ -20,7 +20,4 @@ def model() -> SPMM:
 @pytest.fixture
 def run(tmp_path: Path, model: SPMM) -> Path:
     """Its run folder, with nothing but the model."""
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / MODEL_FILE).write_bytes(model.pack())
-    return folder
+    return model_folder(tmp_path / "run", model)

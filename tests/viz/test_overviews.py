@@ -14,7 +14,7 @@ from spmm_torch.viz.maps import count_map, maps_scene, mean_normals, model_map, 
 from spmm_torch.viz.mosaic import mosaic_scene, spread_texels, texel_places
 from spmm_torch.viz.palette import model_colour
 from spmm_torch.viz.scene import Picture, Surface
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 WO = direction_from_angles(torch.tensor(0.5), torch.tensor(1.0))
 

@@ -13,7 +13,8 @@ from spmm_torch.errors import ConfigError, DataError
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.viz.measured import measured_input, measured_samples
 from spmm_torch.viz.texel import angles_text, lobe_text, luminance, texel_index, texel_lobes
-from tests.render.planted import planted_model, tabulated
+from tests.planted.btfs import tabulated
+from tests.planted.models import planted_model
 
 WO = direction_from_angles(torch.tensor(0.5), torch.tensor(1.0))
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.data.ubo2014.independent_reader import sections
 from tests.data.ubo2014.planted import planted
-from tests.data.ubo2014.public_loader import sections
 
 Sections = dict[str, bytes]
 

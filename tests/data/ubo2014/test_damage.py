@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from spmm_torch.data import ubo2014
 from spmm_torch.data.ubo2014.header import VARIANTS
 from spmm_torch.errors import DataError
+from tests.data.ubo2014.independent_reader import load, sections
 from tests.data.ubo2014.planted import planted
-from tests.data.ubo2014.public_loader import load, sections
 
 # What reading a file of 2 KB may take, Python and NumPy together.
 MEMORY = 4 << 20

@@ -14,17 +14,11 @@ from spmm_torch.data import ubo2014
 from spmm_torch.data.ubo2014.header import VARIANTS
 from spmm_torch.data.ubo2014.layout import read_layout
 from spmm_torch.errors import DataError
+from tests.data.ubo2014.independent_reader import load
 from tests.data.ubo2014.planted import HEIGHT, LIGHT, VIEW, WIDTH, planted
-from tests.data.ubo2014.public_loader import load
+from tests.planted.btfs import texel_major
 
 Make = Callable[..., Path]
-
-
-def texel_major(values: np.ndarray) -> torch.Tensor:
-    """`[T, D, 3]` float32 of `[V, L, H, W, 3]`, none below zero."""
-    pairs = values.shape[0] * values.shape[1]
-    moved = values.transpose(2, 3, 0, 1, 4).reshape(-1, pairs, 3)
-    return torch.from_numpy(np.maximum(moved, 0.0)).float()
 
 
 @pytest.mark.parametrize("rotated", [False, True])
@@ -36,7 +30,7 @@ def test_planted_values_bit_for_bit(make: Make, variant: str, scalar: int, rotat
     btf = ubo2014.read(path)
     expected = load(path.read_bytes()).values()
     assert (expected < 0).any() and (expected > 1).any()
-    assert torch.equal(btf.texels(), texel_major(expected))
+    assert torch.equal(btf.texels(), texel_major(np.maximum(expected, 0.0)))
     assert (btf.name, btf.path) == ("planted", str(path))
     assert (btf.height, btf.width, btf.pair_count, btf.channels) == (HEIGHT, WIDTH, 6, 3)
     assert btf.bytes_per_value == min(scalar, 4)
@@ -86,7 +80,7 @@ def test_colour_model_11(make: Make) -> None:
     path = make(colour_model=11, left=changes["left"], right=changes["right"])
     expected = load(path.read_bytes()).values()
     assert expected.max() > 100.0  # nothing is cut at one
-    torch.testing.assert_close(ubo2014.read(path).texels(), texel_major(expected))
+    torch.testing.assert_close(ubo2014.read(path).texels(), texel_major(np.maximum(expected, 0.0)))
 
 
 def test_log_values(make: Make) -> None:
@@ -94,7 +88,7 @@ def test_log_values(make: Make) -> None:
     path = make("FMF12FCE", reduced=1, left=changes["left"], right=changes["right"])
     expected = load(path.read_bytes()).values()
     assert expected.max() > 100.0
-    torch.testing.assert_close(ubo2014.read(path).texels(), texel_major(expected))
+    torch.testing.assert_close(ubo2014.read(path).texels(), texel_major(np.maximum(expected, 0.0)))
 
 
 @pytest.mark.parametrize("extension", [0, 1, 2])

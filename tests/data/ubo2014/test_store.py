@@ -14,7 +14,7 @@ from spmm_torch.data import BTF, ubo2014
 from spmm_torch.data.ubo2014 import product
 from spmm_torch.data.ubo2014 import store as module
 from spmm_torch.errors import DataError
-from tests.data.ubo2014.public_loader import sections
+from tests.data.ubo2014.independent_reader import sections
 from tests.synthetic.btf_factors import RINGS, ring_angles
 
 Make = Callable[..., Path]

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from spmm_torch.data import ubo2014
-from tests.data.ubo2014.public_loader import load
+from tests.data.ubo2014.independent_reader import load
 from tests.synthetic.btf_factors import main, write_synthetic
 
 

@@ -15,8 +15,8 @@ from spmm_torch.data.ubo2014 import FactorRows, Header, write_factors, write_ubo
 from spmm_torch.data.ubo2014.header import VARIANTS
 from spmm_torch.errors import ConfigError, DataError, OutputError
 from spmm_torch.geometry.directions import ring_directions
+from tests.data.ubo2014.independent_reader import load
 from tests.data.ubo2014.planted import HEIGHT, LIGHT, VIEW, WIDTH, planted, random_btf
-from tests.data.ubo2014.public_loader import load
 
 BIG = {2: 60_000.0, 4: 3e38, 8: 1e300}
 TINY = {2: 6e-8, 4: 1e-45, 8: 5e-324}

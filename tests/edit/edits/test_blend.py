@@ -15,14 +15,13 @@ from spmm_torch.edit import (
     select_texels,
     spread_normals,
 )
-from tests.edit.conftest import RINGS
 from tests.edit.looks import check_valid, look
-from tests.render.planted import planted_model
+from tests.planted.models import FEW_RINGS, planted_model
 
 
 @pytest.fixture
 def other() -> SPMM:
-    return planted_model(clusters=4, lobes_per_cluster=5, rings=RINGS, residual=0.05, seed=8)
+    return planted_model(clusters=4, lobes_per_cluster=5, rings=FEW_RINGS, residual=0.05, seed=8)
 
 
 @pytest.mark.parametrize("amount", [0.25, 0.7])
@@ -73,7 +72,7 @@ def test_blend_under_a_mask(model: SPMM, other: SPMM) -> None:
 
 def test_bad_input(model: SPMM, other: SPMM) -> None:
     with pytest.raises(ConfigError, match="8 x 8 texels with 3 channels and 6 x 6 texels"):
-        blend(model, planted_model(size=6, rings=RINGS), 0.5)
+        blend(model, planted_model(size=6, rings=FEW_RINGS), 0.5)
     with pytest.raises(ConfigError, match="different light directions"):
         blend(model, planted_model(rings=((0.0, 1), (20.0, 6), (60.0, 10))), 0.5)
     with pytest.raises(ConfigError, match="amount of a blend is 1.5; expected 0 to 1"):

@@ -11,7 +11,8 @@ from spmm_torch.fit import FitResult, fit
 from spmm_torch.fit.prune.auto import held_out
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.report import check_report
-from tests.render.planted import planted_model, tabulated
+from tests.planted.btfs import tabulated, texel_btf
+from tests.planted.models import planted_model
 
 RINGS = ((0.0, 1), (25.0, 6), (50.0, 10), (75.0, 14))
 DIRECTIONS = ring_directions(RINGS)
@@ -38,12 +39,12 @@ CONFIG = FitConfig.from_dict(
 def diffuse(noise: float, gamma: float | None) -> BTF:
     """A uniform Lambertian material, with noise, as 8-bit codes would have it."""
     generator = torch.Generator().manual_seed(0)
-    values = (0.5 * DIRECTIONS[:, 2])[None, :, None, None, None] * torch.tensor([1.0, 0.7, 0.4])
-    values = values.expand(COUNT, COUNT, SIDE, SIDE, 3)
+    values = 0.5 * DIRECTIONS[:, 2].repeat(COUNT)[:, None] * torch.tensor([1.0, 0.7, 0.4])
+    values = values.expand(SIDE * SIDE, -1, 3)
     values = values * (1.0 + noise * torch.randn(values.shape, generator=generator))
     if gamma is not None:
         values = ((values.clamp(0.0, 1.0) ** (1.0 / gamma) * 255.0).round() / 255.0) ** gamma
-    return BTF.from_values(values.contiguous(), DIRECTIONS, DIRECTIONS)
+    return texel_btf(values, DIRECTIONS, height=SIDE)
 
 
 @pytest.mark.parametrize(("noise", "gamma"), [(0.0, None), (0.0, 2.2), (0.05, 2.2)])

@@ -6,7 +6,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch import BTF
 from spmm_torch.config.fit import FitConfig, SelectConfig, StagewiseConfig
 from spmm_torch.data.error_weights import Weights
 from spmm_torch.fit.cluster import cluster_texels, sample_texels
@@ -20,6 +19,7 @@ from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.model.residual import decode_residual
 from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.ranks import ALONE
+from tests.planted.btfs import random_btf
 
 TEXELS, ATOMS, PAIRS, CHANNELS = 10, 6, 49, 3
 DIRECTIONS = ring_directions(((0.0, 1), (45.0, 6)))  # 49 pairs
@@ -159,9 +159,7 @@ def test_both_errors_are_the_sums_written_out(weighs: str) -> None:
 
 
 def test_texels_without_weight_still_belong_somewhere() -> None:
-    generator = torch.Generator().manual_seed(0)
-    values = torch.rand(7, 7, 4, 5, 3, generator=generator)
-    btf = BTF.from_values(values, DIRECTIONS, DIRECTIONS)
+    btf = random_btf(DIRECTIONS, 4, 5)
     texel = torch.zeros(4, 5)
     texel[1:3] = 1.0
     weights = Weights.build(btf, texel=texel)

@@ -13,9 +13,10 @@ from spmm_torch.fit.cluster import Samples
 from spmm_torch.fit.dictionary import FoundLobes
 from spmm_torch.fit.problem import Problem
 from spmm_torch.fit.search.lobes import search_lobes
-from spmm_torch.geometry.directions import direction_pairs, ring_directions
+from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.runtime.context import Context
-from tests.hard.cases import Lobe, Planted, texture
+from tests.hard.cases import Planted, planted_texture
+from tests.planted.lobes import Lobe
 
 DIRECTIONS = ring_directions(((0.0, 1), (30.0, 6), (60.0, 10)))
 WHITE = (1.0, 1.0, 1.0)
@@ -37,13 +38,12 @@ SETTINGS: dict[str, Any] = {
 
 def search(method: str) -> FoundLobes:
     """The lobes of two planted texels."""
-    pairs = direction_pairs(DIRECTIONS, DIRECTIONS)
     broad, sharp = Lobe("lambertian"), Lobe("blinn_phong", (60.0,), tilt=20.0)
     truths = [  # more lobes than the two that the search may use
         Planted((broad, sharp, Lobe("blinn_phong", (exponent,))), (WHITE, WHITE, WHITE))
         for exponent in (10.0, 20.0)
     ]
-    btf = texture([truth(*pairs) for truth in truths], DIRECTIONS, "planted")
+    btf = planted_texture(truths, DIRECTIONS, "planted")
     settings = {**SETTINGS, "search": {**SETTINGS["search"], "method": method}}
     problem = Problem(btf, UNIFORM, FitConfig.from_dict(settings), Context.build("cpu"))
     samples = Samples(torch.arange(SAMPLES), torch.zeros(SAMPLES, dtype=torch.long))

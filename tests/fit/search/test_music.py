@@ -6,12 +6,14 @@ import pytest
 import torch
 from torch import Tensor
 
+from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.config.fit import SearchConfig
 from spmm_torch.fit.search.bank import Bank, build_bank
 from spmm_torch.fit.search.music import music_lobes, signal_subspace
 from spmm_torch.geometry.directions import ring_directions
-from spmm_torch.lobes.batch import COORDINATES, Feasible, LobeBatch, decode
+from spmm_torch.lobes.batch import Feasible, LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
+from tests.planted.lobes import random_lobes
 
 DIRECTIONS = ring_directions(((0.0, 1), (25.0, 6), (50.0, 10), (70.0, 12)))
 GRID = DirectionGrid.build(DIRECTIONS, DIRECTIONS, torch.device("cpu"))
@@ -25,11 +27,9 @@ def bank() -> Bank:
 
 
 def planted_lobes(seed: int) -> LobeBatch:
+    """One lobe of each of the first models but Lambertian."""
     generator = torch.Generator().manual_seed(seed)
-    coordinates = torch.rand(LOBES, COORDINATES, generator=generator)
-    coordinates[:, :2] -= 0.5
-    coordinates[:, 3:] = 0.25 + 0.5 * coordinates[:, 3:]
-    return decode(torch.arange(1, 1 + LOBES), coordinates)  # one of each model but Lambertian
+    return random_lobes(MODEL_NAMES[1 : 1 + LOBES], generator, tilt=1.0)
 
 
 def unit(values: Tensor) -> Tensor:

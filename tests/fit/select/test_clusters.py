@@ -18,12 +18,12 @@ from spmm_torch.fit.problem import Problem
 from spmm_torch.fit.select import clusters as module
 from spmm_torch.fit.select.clusters import ClusterFit, SelectStage, cluster_bytes, fit_texels
 from spmm_torch.geometry.directions import hemisphere_spiral
-from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
 from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.progress import Progress
 from spmm_torch.runtime.stopwatch import Stopwatch
 from spmm_torch.runtime.threads import cpu_threads
+from tests.planted.lobes import Lobe, lobe_batch
 
 CPU = torch.device("cpu")
 CLUSTERS, LOBES = 5, 20
@@ -38,10 +38,8 @@ def threads() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def stage() -> SelectStage:
     btf = load_btf(sample_path(), selection=Selection(texels=100, directions="0,30,60")).load()
-    normal = hemisphere_spiral(LOBES)
-    shape = torch.full((LOBES,), 2)  # Blinn-Phong
-    kappa = torch.tensor([[8.0, 0.0, 0.0]]).expand(LOBES, -1)
-    lobes = LobeBatch(shape, kappa.contiguous(), normal, torch.zeros(LOBES))
+    lobes = lobe_batch(*[Lobe("blinn_phong", (8.0,))] * LOBES)
+    lobes = replace(lobes, normal=hemisphere_spiral(LOBES))
     raw = DirectionGrid.build(btf.light, btf.view, CPU).eval(lobes)
     norm = raw.norm(dim=1)
     atoms = raw / norm[:, None]

@@ -22,6 +22,7 @@ from spmm_torch.render import (
     Sphere,
     Texture,
 )
+from tests.planted.btfs import random_btf
 
 RINGS = ((0.0, 1), (40.0, 6), (70.0, 8))
 DIRECTIONS = ring_directions(RINGS)
@@ -31,9 +32,7 @@ QUICK = RenderSettings(size=24, samples=2, light_samples=8)
 
 @pytest.fixture(scope="module")
 def btf() -> BTF:
-    shape = (COUNT, COUNT, SIDE, SIDE, 3)
-    values = torch.rand(shape, generator=torch.Generator().manual_seed(0))
-    return BTF.from_values(values, DIRECTIONS, DIRECTIONS)
+    return random_btf(DIRECTIONS, SIDE, SIDE)
 
 
 def light_from(index: int, irradiance: float = 1.0) -> DirectionalLight:

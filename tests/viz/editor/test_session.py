@@ -13,7 +13,7 @@ from spmm_torch.edit.masks.cluster import ClusterMask
 from spmm_torch.errors import ConfigError, OutputError
 from spmm_torch.viz.editor.session import Session
 from spmm_torch.viz.editor.sliders import NEUTRAL, SLIDERS, edits_of
-from tests.render.planted import DIFFUSE, planted_model
+from tests.planted.models import DIFFUSE, planted_model
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ from spmm_torch.viz.editor.lobe_cache import Stopped
 from spmm_torch.viz.editor.preview import Preview, selection_codes
 from spmm_torch.viz.editor.stage import HALF_WIDTH, SHAPES, Setting, Stage, first_setting
 from spmm_torch.viz.palette import PAGE
-from tests.render.planted import planted_model
+from tests.planted.models import planted_model
 
 SETTING = Setting(light=(40.0, 30.0), view=(20.0, -50.0))
 

@@ -1,7 +1,9 @@
-"""A second reader and writer of `.btf` files, which shares nothing with the package.
+"""An independent reader and writer of `.btf` files, which shares nothing with the package.
 
-`load` follows the rules of the public loaders step by step, in plain Python and float64;
-`sections` makes files field by field, so that tests can plant what our writer never would.
+`load` follows the rules of the public readers of UBO2014 [WGK14] in plain Python and float64: BTF
+Extractor (github.com/2-propanol/BTF_extractor) and the `btf.hh` that it wraps
+(github.com/zeroeffects/btf). `sections` makes files field by field, so that tests can plant what
+our writer never would.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Prints what the hard cases reach: `python -m tests.hard.figures [NAME ...]`, all by default."""
+"""What the hard cases reach: `python -m tests.benchmarks.hard_cases [NAME ...]`, by default all."""
 
 from __future__ import annotations
 
