@@ -116,3 +116,7 @@ def parser(commands: Sequence[str] = tuple(COMMANDS)) -> Parser:
 def module_of(command: str) -> ModuleType:
     """The module of a command."""
     return import_module(f".{command}", __package__)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -37,7 +37,7 @@ __all__ = ["MAX_PARAMETERS", "MODEL_NAMES", "PAPER_MODELS", "REGISTRY", "BRDF", 
 def __getattr__(name: str) -> Any:
     """Names that need the models, at first use."""
     if name in ("REGISTRY", "MAX_PARAMETERS"):
-        models = tuple(_model(place) for place in CLASSES.values())
+        models = tuple(_model(name, place) for name, place in CLASSES.items())
         widest = max(len(model.parameters) for model in models)
         globals().update(REGISTRY=models, MAX_PARAMETERS=widest)
         return globals()[name]
@@ -46,6 +46,22 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def _model(place: str) -> BRDF:
+def _model(name: str, place: str) -> BRDF:
+    """The model that is registered as `name`.
+
+    Args:
+        name: in the registry.
+        place: its module and its class.
+
+    Raises:
+        ImportError: the module has no such class, or the class is not complete.
+    """
     module, _, kind = place.rpartition(".")
-    return getattr(import_module(f".{module}", __name__), kind)()
+    found = import_module(f".{module}", __name__)
+    if not hasattr(found, kind):
+        raise ImportError(f"brdf/__init__.py names {kind}, which brdf/{module}.py does not define.")
+    try:
+        getattr(found, kind).check(name)
+    except TypeError as error:
+        raise ImportError(f"{kind} in brdf/{module}.py {error}") from error
+    return getattr(found, kind)()

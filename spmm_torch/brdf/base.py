@@ -85,6 +85,31 @@ class BRDF(ABC):
     reciprocal: bool
     largest_weight: float = 1.0
 
+    @classmethod
+    def check(cls, name: str) -> None:
+        """Checks what a class says of its model.
+
+        Args:
+            name: of the model in the registry.
+
+        Raises:
+            TypeError: an attribute is missing, the name is another one, or a shape does not have
+                P values; the text follows the name of the class.
+        """
+        for attribute in BRDF.__annotations__:
+            if not hasattr(cls, attribute):
+                raise TypeError(f"lacks {attribute!r}; define it as BRDF in brdf/base.py says.")
+        if cls.name != name:
+            raise TypeError(
+                f"has the name {cls.name!r}, and {name!r} in brdf/__init__.py; make the two equal."
+            )
+        for shape in (*cls.shapes, *cls.peak_shapes):
+            if len(shape) != len(cls.parameters):
+                raise TypeError(
+                    f"has the shape {shape}; expected one value for each of its "
+                    f"{len(cls.parameters)} parameters."
+                )
+
     @abstractmethod
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r without the cosine, in 1/sr: kappa `[..., P]`, wi and wo `[..., 3]` -> `[...]`.

@@ -52,7 +52,7 @@ def _refuse(bad: Tensor, directions: Tensor, what: str, remedy: str) -> None:
     if bad.any():
         index = int(bad.nonzero()[0])
         vector = ", ".join(f"{value:.6g}" for value in directions[index].tolist())
-        raise DataError(f"{what}: number {index} is ({vector}); {remedy}.")
+        raise DataError(f"{what}: number {index} (from 0) is ({vector}); {remedy}.")
 
 
 def _check_distinct(directions: Tensor, where: str) -> None:
@@ -62,6 +62,6 @@ def _check_distinct(directions: Tensor, where: str) -> None:
     if same.any():
         first, second = same.nonzero()[0].tolist()
         raise DataError(
-            f"{where} holds the same direction twice, as numbers {first} and {second}; "
+            f"{where} holds the same direction twice, as numbers {first} and {second} (from 0); "
             f"expected distinct directions; remove one together with its pictures."
         )

@@ -78,7 +78,7 @@ def parse_mask(value: Any, where: str) -> Mask:
             raise ConfigError(f"{where}.{kind} is {options!r}; expected a list of masks.")
         parts = [parse_mask(part, f"{where}.{kind}[{i}]") for i, part in enumerate(options)]
         return Combined(kind, tuple(parts))
-    raise ConfigError(f"unknown mask {where}.{kind}; {nearest(str(kind), known)}")
+    raise ConfigError(f"{where} names the unknown mask {kind}; {nearest(str(kind), known)}")
 
 
 def plain_mask(mask: Mask) -> dict[str, Any]:

@@ -6,12 +6,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 import yaml
+from torch import Tensor
 
 from ..config.schema import load_yaml
 from ..errors import ConfigError, SPMMError
@@ -35,9 +38,31 @@ class Step:
         return name_of(self.edit, EDITS)
 
     def apply(self, model: SPMM) -> SPMM:
-        """The edited model."""
+        """The edited model.
+
+        Raises:
+            SPMMError: the edit cannot be done, or makes weights that are not valid.
+        """
         where = EVERYTHING if self.mask is None else self.mask.select(model)
-        return self.edit.apply(model, where)
+        edited = self.edit.apply(model, where)
+        check_weights(edited.weight.detach())
+        return edited
+
+
+def check_weights(weight: Tensor) -> None:
+    """Checks the weights `[N, C]` that an edit has made.
+
+    Raises:
+        ConfigError: one is negative or not finite.
+    """
+    if not weight.numel():
+        return
+    low, high = (bound.item() for bound in torch.aminmax(weight))
+    if not (low >= 0.0 and math.isfinite(high)):
+        raise ConfigError(
+            f"it makes weights of {low:g} to {high:g}; expected finite weights not below 0; "
+            f"change its options, or correct the edit."
+        )
 
 
 @dataclass(frozen=True)

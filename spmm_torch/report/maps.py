@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..brdf import MODEL_NAMES, REGISTRY
 from ..model.spmm import SPMM
 from ..render.display import Codes
 from .charts import Bar, bar_chart, histogram
@@ -96,7 +97,7 @@ def _models(model: SPMM) -> Chart:
     total = sum(use.values())
     bars = [
         Bar(
-            name.replace("_", "-").title(),
+            REGISTRY[MODEL_NAMES.index(name)].title,
             entries,
             f"{percent(entries / max(total, 1))} · {stored[name]:,} stored",
         )

@@ -147,3 +147,9 @@ TWINS: dict[str, Callable[[Array, Array, Array], Array]] = {
         ggx,
     )
 }
+
+
+def twin_of(name: str) -> Callable[[Array, Array, Array], Array]:
+    """The twin of a model."""
+    assert name in TWINS, f"{name} has no twin; add it to TWINS in tests/brdf/numpy_twins.py"
+    return TWINS[name]

@@ -15,7 +15,7 @@ from tests.brdf.brdf_cases import (
     parameters_at,
     upper_directions,
 )
-from tests.brdf.numpy_twins import TWINS
+from tests.brdf.numpy_twins import twin_of
 
 SMALLEST = 1e-290  # of what an exponential in float64 may be kept at
 
@@ -26,7 +26,7 @@ def test_equals_the_twin(model: BRDF, spread: float) -> None:
     wo = upper_directions(200, seed=1)
     wi = near_mirror(wo, spread, seed=2)
     for kappa in parameter_grid(model, (0.0, 0.35, 0.7, 1.0)):
-        expected = TWINS[model.name](kappa.numpy(), wi.numpy(), wo.numpy())
+        expected = twin_of(model.name)(kappa.numpy(), wi.numpy(), wo.numpy())
         actual = model.eval(kappa, wi, wo).numpy()
         # Where the twin underflows to 0, the exponential is kept at the smallest normal number.
         atol = 1e-9 * expected.max() + SMALLEST

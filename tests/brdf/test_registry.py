@@ -12,8 +12,9 @@ import torch
 
 import spmm_torch.brdf
 from spmm_torch.brdf import BRDF, MAX_PARAMETERS, MODEL_NAMES, PAPER_MODELS, REGISTRY, Parameter
+from spmm_torch.brdf.ggx import GGX
 from tests.brdf.brdf_cases import ALL_MODELS
-from tests.brdf.numpy_twins import TWINS
+from tests.brdf.numpy_twins import TWINS, twin_of
 
 ROWS = [
     pytest.param(row, id=f"{model.name}-{row.name}")
@@ -94,7 +95,9 @@ def test_a_search_starts_from_different_shapes(model: BRDF) -> None:
 
 
 def test_every_model_has_a_twin() -> None:
-    assert set(TWINS) == set(MODEL_NAMES)
+    for name in MODEL_NAMES:
+        twin_of(name)
+    assert set(TWINS) <= set(MODEL_NAMES)
 
 
 @pytest.mark.parametrize("model", ALL_MODELS)
@@ -147,3 +150,49 @@ def test_width_is_the_slope_at_which_the_lobe_has_fallen(model: BRDF) -> None:
     wo = torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
     peak, side = model.eval(kappa, wi, wo)
     assert float(side / peak) == pytest.approx(math.exp(-1.0), rel=0.03)
+
+
+def registered(monkeypatch: pytest.MonkeyPatch, name: str, place: str) -> tuple[BRDF, ...]:
+    """The registry of one entry, built anew."""
+    monkeypatch.setattr(spmm_torch.brdf, "CLASSES", {name: place})
+    for built in ("REGISTRY", "MAX_PARAMETERS"):
+        monkeypatch.delitem(vars(spmm_torch.brdf), built)
+    return spmm_torch.brdf.REGISTRY
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "complaint"),
+    [
+        ("ggx", "ggx.Ggx", r"names Ggx, which brdf/ggx.py does not define"),
+        ("g-gx", "ggx.GGX", r"^GGX in brdf/ggx.py has the name 'ggx', and 'g-gx' in brdf/__init__"),
+    ],
+)
+def test_a_wrong_entry_is_told(
+    monkeypatch: pytest.MonkeyPatch, name: str, place: str, complaint: str
+) -> None:
+    with pytest.raises(ImportError, match=complaint):
+        registered(monkeypatch, name, place)
+
+
+@pytest.mark.parametrize("attribute", ["shapes", "peak_shapes"])
+def test_a_shape_of_another_length_is_told(monkeypatch: pytest.MonkeyPatch, attribute: str) -> None:
+    monkeypatch.setattr(GGX, attribute, ((0.1, 0.1, 0.5), (0.1, 0.1)))
+    complaint = (
+        r"GGX in brdf/ggx.py has the shape \(0.1, 0.1\); expected one value for each of its 3"
+    )
+    with pytest.raises(ImportError, match=complaint):
+        registered(monkeypatch, "ggx", "ggx.GGX")
+
+
+@pytest.mark.parametrize(
+    "attribute", ["title", "references", "shapes", "reciprocal", "anisotropic"]
+)
+def test_a_missing_attribute_is_told(monkeypatch: pytest.MonkeyPatch, attribute: str) -> None:
+    monkeypatch.delattr(GGX, attribute)
+    with pytest.raises(ImportError, match=f"GGX in brdf/ggx.py lacks '{attribute}'; define it"):
+        registered(monkeypatch, "ggx", "ggx.GGX")
+
+
+def test_a_missing_twin_is_told() -> None:
+    with pytest.raises(AssertionError, match=r"minnaert has no twin; add it to TWINS in tests/"):
+        twin_of("minnaert")

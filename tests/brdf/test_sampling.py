@@ -103,4 +103,7 @@ def test_no_sample_weighs_more_than_the_model_says(model: BRDF) -> None:
     for kappa in parameter_grid(model, (0.0, 0.5, 1.0)):
         wi = model.sample(kappa, wo, u)
         value = model.eval(kappa, wi, wo) * wi[:, 2].clamp(min=0.0)
-        assert float((value / model.pdf(kappa, wi, wo)).max()) <= model.largest_weight + 1e-6
+        heaviest = float((value / model.pdf(kappa, wi, wo)).max())
+        assert heaviest <= model.largest_weight + 1e-6, (
+            f"raise largest_weight, or sample closer to the lobe at {kappa.tolist()}"
+        )

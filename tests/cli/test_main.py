@@ -123,3 +123,9 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     process.stdout.close()
     assert process.communicate()[1] == b""
     assert process.returncode == 0
+
+
+def test_the_module_runs_commands() -> None:
+    command = [sys.executable, "-m", "spmm_torch.cli.main", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout.strip()) == (0, spmm_torch.__version__)

@@ -16,7 +16,7 @@ import torch
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
 from spmm_torch.geometry.directions import direction_from_angles
-from tests.brdf.numpy_twins import TWINS
+from tests.brdf.numpy_twins import twin_of
 from tests.docs.markdown import blocks, table
 from tests.locations import DOCS
 from tests.planted.models import planted_model
@@ -43,7 +43,7 @@ def reader() -> dict[str, Any]:
 
 def twin(name: str, parameters: int) -> Any:
     """The twin of a BRDF, which takes no more parameters than it has."""
-    return lambda kappa, wi, wo: TWINS[name](kappa[:parameters].astype(float), wi, wo)
+    return lambda kappa, wi, wo: twin_of(name)(kappa[:parameters].astype(float), wi, wo)
 
 
 @pytest.fixture(scope="module")

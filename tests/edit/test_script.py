@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,11 @@ from PIL import Image
 
 from spmm_torch import SPMM, ConfigError, SPMMError
 from spmm_torch.edit import (
+    EDITS,
     Rectangle,
     Script,
+    Selection,
+    Step,
     cluster_selection,
     hue_saturation,
     lobe_selection,
@@ -22,6 +26,8 @@ from spmm_torch.edit import (
     select_texels,
     spread_normals,
 )
+from spmm_torch.edit.entries import from_entries, scaled_entries
+from spmm_torch.edit.parts import with_parts
 from spmm_torch.runtime import tensor_file
 from tests.edit.looks import check_valid, look
 
@@ -162,3 +168,41 @@ def test_files_that_are_no_scripts(tmp_path: Path) -> None:
     (tmp_path / "bad.yaml").write_text("- [")
     with pytest.raises(ConfigError, match="is not valid YAML"):
         Script.read(tmp_path / "bad.yaml")
+
+
+def test_an_unknown_mask_is_told_with_its_place() -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse("- blend: {path: x}\n- intensity: {mask: {not: {region: {}}}}")
+    assert str(caught.value).startswith(
+        "edit 2: intensity.mask.not names the unknown mask region; valid: "
+    )
+
+
+@dataclass(frozen=True)
+class Planted:
+    """An edit that multiplies weights by any number."""
+
+    factor: float
+
+    def apply(self, model: SPMM, where: Selection) -> SPMM:
+        """The edited model."""
+        weights = replace(model.sparse_weights, weight=self.factor * model.weight.detach())
+        return with_parts(model, weights=weights)
+
+
+@pytest.mark.parametrize("factor", [-5.0, -1e-6, math.inf, math.nan])
+def test_an_edit_that_makes_invalid_weights_is_refused(
+    model: SPMM, factor: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(EDITS, "planted", Planted)
+    script = Script((Step(Planted(2.0)), Step(Planted(factor))))
+    complaint = r"^edit 2 \(planted\): it makes weights of .*; expected finite weights not below 0"
+    with pytest.raises(ConfigError, match=complaint):
+        script.apply(model)
+
+
+def test_a_model_without_lobes_can_be_edited(model: SPMM) -> None:
+    nothing = select_texels(model, torch.zeros(8, 8))
+    bare = from_entries(model, model.dictionary, [scaled_entries(model, nothing.entries)])
+    assert not len(bare.weight)
+    assert not len(parse("- intensity: {factor: 2}").apply(bare).weight)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import copy
 import io
 import math
 import re
@@ -16,9 +17,11 @@ import pytest
 import torch
 from PIL import Image
 
+from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.data import BTF
 from spmm_torch.model.spmm import SPMM
 from spmm_torch.report import write_html
+from spmm_torch.report.maps import model_maps
 from spmm_torch.report.pairs import choose_pairs
 from spmm_torch.report.slices import slice_snr, take_slices
 
@@ -171,3 +174,10 @@ def test_a_black_slice_has_no_snr() -> None:
     black = torch.zeros(2, 2, 3)
     assert slice_snr(black, black + 1.0) is None
     assert slice_snr(black + 1.0, black + 1.0) == math.inf
+
+
+def test_lobes_are_counted_under_the_titles_of_their_brdfs(model: SPMM) -> None:
+    """Not under titles made of their names: that of `ggx` is GGX."""
+    model = copy.deepcopy(model)
+    model.lobe_model.fill_(MODEL_NAMES.index("ggx"))
+    assert ">GGX<" in model_maps(model).models.drawing
