@@ -19,6 +19,7 @@ PAGE = DOCS / "extending.md"
 FOLDERS = {"spmm_torch": "spmm_torch", "cli": "spmm_torch/cli", "tests": "tests"}
 FOLDERS |= {"viz": "spmm_torch/viz", "configs": "configs"}
 FILE = re.compile(r"^(?:New file|One line in|Two places in) `([^`]+)`:$")
+PROGRAMS = {"python": (), "spmm": ("-m", "spmm_torch.cli.main")}
 SECONDS = 500
 
 
@@ -52,11 +53,10 @@ def run(folder: Path, words: list[str]) -> str:
 
 
 def commands(title: str) -> list[list[str]]:
-    """The words of each command of a section, after `python`."""
+    """What Python is to run for each command of a section."""
     texts = [text for _, language, text in blocks(title) if language == "sh"]
     found = [shlex.split(line) for text in texts for line in text.splitlines()]
-    assert all(words[0] == "python" for words in found)
-    return [words[1:] for words in found]
+    return [[*PROGRAMS[words[0]], *words[1:]] for words in found]
 
 
 @pytest.fixture(scope="module")
