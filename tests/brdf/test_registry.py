@@ -194,5 +194,5 @@ def test_a_missing_attribute_is_told(monkeypatch: pytest.MonkeyPatch, attribute:
 
 
 def test_a_missing_twin_is_told() -> None:
-    with pytest.raises(AssertionError, match=r"minnaert has no twin; add it to TWINS in tests/"):
-        twin_of("minnaert")
+    with pytest.raises(AssertionError, match=r"velvet has no twin; add it to TWINS in tests/"):
+        twin_of("velvet")

@@ -137,8 +137,8 @@ BAD_DIRECTIONS = {
     "not unit": (VIEW * 1.01, "not unit: number 0"),
     "zero": (VIEW * 0, "not unit: number 0"),
     "nan": (VIEW * np.float32(np.nan), "not unit: number 0"),
-    "horizon": (VIEW * np.array([[1], [-1]]), "under the horizon: number 1"),
-    "doubled": (VIEW[[1, 1]], "same direction twice, as numbers 0 and 1"),
+    "horizon": (VIEW * np.array([[1], [-1]]), r"under the horizon: number 1 \(from 0\)"),
+    "doubled": (VIEW[[1, 1]], r"same direction twice, as numbers 0 and 1 \(from 0\)"),
 }
 
 

@@ -18,7 +18,8 @@ PAGE = DOCS / "extending.md"
 # Folders of the checkout, and where they lie in the copy: installed, cli is a part of the package.
 FOLDERS = {"spmm_torch": "spmm_torch", "cli": "spmm_torch/cli", "tests": "tests"}
 FOLDERS |= {"viz": "spmm_torch/viz", "configs": "configs"}
-FILE = re.compile(r"^(?:New file|One line in|Two places in) `([^`]+)`:$")
+FILE = re.compile(r"^(?:New file|One line in|Two (?:lines|places) in) `([^`]+)`:$")
+PROGRAMS = {"python": (), "spmm": ("-m", "spmm_torch.cli.main")}
 SECONDS = 500
 
 
@@ -31,8 +32,8 @@ def blocks(title: str) -> list[tuple[str, str, str]]:
         if line.startswith("```"):
             body = iter(lambda: next(lines), "```")
             found.append((file, line[3:], "".join(f"{text}\n" for text in body)))
-        elif match := FILE.match(line):
-            file = match[1]
+        elif line.strip():
+            file = match[1] if (match := FILE.match(line)) else ""
     return found
 
 
@@ -52,25 +53,25 @@ def run(folder: Path, words: list[str]) -> str:
 
 
 def commands(title: str) -> list[list[str]]:
-    """The words of each command of a section, after `python`."""
+    """What Python is to run for each command of a section."""
     texts = [text for _, language, text in blocks(title) if language == "sh"]
     found = [shlex.split(line) for text in texts for line in text.splitlines()]
-    assert all(words[0] == "python" for words in found)
-    return [words[1:] for words in found]
+    return [[*PROGRAMS[words[0]], *words[1:]] for words in found]
 
 
 @pytest.fixture(scope="module")
-def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of the repository with all examples pasted."""
+def copy(tmp_path_factory: pytest.TempPathFactory, run: Path) -> Path:
+    """A copy of the repository with all examples pasted, and a run."""
     folder = tmp_path_factory.mktemp("copy")
     for source, target in FOLDERS.items():
         ignored = shutil.ignore_patterns("__pycache__", "docs")
         shutil.copytree(ROOT / source, folder / target, ignore=ignored)
     shutil.copy(ROOT / "setup.cfg", folder)
+    shutil.copytree(run, folder / "runs" / "weave")
     for title in SECTIONS:
         for file, language, text in blocks(title):
             path = folder / file
-            if language == "python":
+            if language in ("python", "yaml") and file:
                 assert not path.exists(), f"{file} is there already"
                 path.write_text(text, encoding="utf-8")
             elif language == "diff":
@@ -78,7 +79,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-SECTIONS = ("A BRDF", "A picture format", "A reader", "A writer")
+SECTIONS = ("A BRDF", "A picture format", "A reader", "A writer", "An edit, a mask")
 TOGETHER = """
 import numpy as np, torch
 from pathlib import Path

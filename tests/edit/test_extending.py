@@ -17,9 +17,8 @@ from tests.edit.looks import check_valid
 from tests.locations import DOCS
 
 TITLE = "An edit, a mask"
-# A block that is a file begins with a comment that holds its path.
-FILE = re.compile(r"^```python\n(# (\S+)\.py\n.*?)^```$", re.MULTILINE | re.DOTALL)
-ENTRY = re.compile(r'^```python\n    "(\w+)": (\w+),\n```$', re.MULTILINE)
+FILE = re.compile(r"^New file `(\S+)\.py`:\n\n```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+ENTRY = re.compile(r'^\+    "(\w+)": (\w+),$', re.MULTILINE)
 SCRIPT = re.compile(r"^```yaml\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -33,7 +32,7 @@ def section() -> str:
 def modules(monkeypatch: pytest.MonkeyPatch) -> dict[str, ModuleType]:
     """The files of the example as modules by their dotted names, with its entries made."""
     text, made = section(), {}
-    for source, path in FILE.findall(text):
+    for path, source in FILE.findall(text):
         name = path.replace("/", ".")
         module = importlib.util.module_from_spec(importlib.util.spec_from_loader(name, None))
         monkeypatch.setitem(sys.modules, name, module)
