@@ -1,11 +1,13 @@
-"""A run for commands that need no more than a model."""
+"""A run for commands that need no more than a model, and commands that are to be refused."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from spmm_torch.cli.main import main
 from tests.planted.models import planted_model
 from tests.planted.runs import model_folder
 
@@ -14,3 +16,21 @@ from tests.planted.runs import model_folder
 def run(tmp_path: Path) -> Path:
     """A run folder with nothing but a model of eight by eight texels."""
     return model_folder(tmp_path / "run", planted_model())
+
+
+@pytest.fixture
+def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Runs a command that ends with code 2 and one sentence, which is returned."""
+
+    def sentence(*words: object, progress: bool = False) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 2
+        shown = capsys.readouterr()
+        *lines, last = shown.err.splitlines()
+        assert shown.out == ""
+        assert last.startswith("error: ")
+        assert not any("error" in line or "Traceback" in line for line in lines)
+        assert progress or not lines
+        return last.removeprefix("error: ")
+
+    return sentence
