@@ -131,7 +131,7 @@ def check_refused(out: Path, refused: Callable[..., str]) -> Check:
 
     def check(arguments: list[str], message: str) -> None:
         before = sorted(out.rglob("*"))
-        assert message in refused("fit", *arguments, progress=True)
+        assert message in refused("fit", *arguments)
         assert sorted(out.rglob("*")) == before
 
     return check
