@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from spmm_torch.cli import editor as command
-from spmm_torch.cli.main import main
 
 
 @pytest.mark.parametrize(
@@ -19,28 +19,24 @@ from spmm_torch.cli.main import main
     ],
 )
 def test_bad_options(
-    options: list[str], complaint: str, run: Path, capsys: pytest.CaptureFixture[str]
+    options: list[str], complaint: str, run: Path, refused: Callable[..., str]
 ) -> None:
     pytest.importorskip("trame_vuetify")
-    assert main(["edit", str(run), "--interactive", *options]) == 2
-    shown = capsys.readouterr().err
-    assert shown.startswith("error: ")
-    assert complaint in shown
-    assert shown.count("\n") == 1
+    assert complaint in refused("edit", run, "--interactive", *options)
 
 
-def test_a_run_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_is_not_there(tmp_path: Path, refused: Callable[..., str]) -> None:
     pytest.importorskip("trame_vuetify")
-    assert main(["edit", str(tmp_path / "no"), "--interactive"]) == 2
-    assert "does not exist; expected a run folder" in capsys.readouterr().err
+    assert "does not exist; expected a run folder" in refused(
+        "edit", tmp_path / "no", "--interactive"
+    )
 
 
 def test_without_trame_the_sentence_names_the_extra(
-    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    run: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("spmm_torch.viz.requirements.find_spec", lambda name: None)
-    assert main(["edit", str(run), "--interactive"]) == 2
-    assert "needs trame, which is not installed" in capsys.readouterr().err
+    assert "needs trame, which is not installed" in refused("edit", run, "--interactive")
 
 
 def test_a_free_port_is_one() -> None:

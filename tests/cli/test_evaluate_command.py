@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -179,7 +180,7 @@ def test_another_input_is_told(
 def test_bad_input(
     run: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., str],
     words: list[str],
     complaint: str,
 ) -> None:
@@ -194,11 +195,6 @@ def test_bad_input(
     places["BARE"].mkdir()
     shutil.copy(run / "model.safetensors", places["BARE"])
     before = sorted(run.iterdir())
-    assert main(["evaluate", *(str(places.get(word, word)) for word in words)]) == 2
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    complaints = [line for line in shown.err.splitlines() if line.startswith("error: ")]
-    assert len(complaints) == 1
-    assert complaint in complaints[0]
+    assert complaint in refused("evaluate", *(places.get(word, word) for word in words))
     assert sorted(run.iterdir()) == before
     assert not list(tmp_path.glob("*/*.html.*"))

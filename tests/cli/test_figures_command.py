@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -89,18 +90,14 @@ def test_a_single_texel(tmp_path: Path) -> None:
 def test_bad_input(
     run: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., str],
     words: list[str],
     complaint: str,
 ) -> None:
     words = [str(run) if word == "RUN" else word for word in words]
-    assert main(["figures", str(run), "-o", str(tmp_path / "out"), *SMALL, *words]) == 2
-    shown = capsys.readouterr()
-    assert shown.out == ""
-    assert complaint in [line for line in shown.err.splitlines() if "error: " in line][0]
+    assert complaint in refused("figures", run, "-o", tmp_path / "out", *SMALL, *words)
     assert not list(tmp_path.iterdir())
 
 
-def test_a_run_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figures", str(tmp_path / "none"), "-o", str(tmp_path / "out")]) == 2
-    assert "does not exist" in capsys.readouterr().err
+def test_a_run_that_is_not_there(tmp_path: Path, refused: Callable[..., str]) -> None:
+    assert "does not exist" in refused("figures", tmp_path / "none", "-o", tmp_path / "out")

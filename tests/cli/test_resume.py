@@ -184,19 +184,12 @@ def test_report_tells_the_seconds_of_all_processes(source: Path, tmp_path: Path)
     [(["--set", "select.min_gain=0.1"], "select.min_gain"), (["--seed", "1"], "seed")],
 )
 def test_another_setting_is_refused(
-    source: Path,
-    tmp_path: Path,
-    options: list[str],
-    key: str,
-    capsys: pytest.CaptureFixture[str],
+    source: Path, tmp_path: Path, options: list[str], key: str, refused: Callable[..., str]
 ) -> None:
     run = tmp_path / "run"
     stopped(source, run, 1)
-    capsys.readouterr()
-    assert main(["fit", str(source), "-o", str(run), *OPTIONS, *options, "--resume"]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith(f"error: the unfinished run of {run} has {key} = ")
-    assert error.count("\n") == 1
+    error = refused("fit", source, "-o", run, *OPTIONS, *options, "--resume")
+    assert error.startswith(f"the unfinished run of {run} has {key} = ")
     assert state(run) == ["cluster"]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -119,11 +120,12 @@ def test_a_stop_leaves_nothing(
 
 @needs_mitsuba
 def test_a_texture_that_reflects_nothing_is_refused(
-    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     Image.new("RGB", (16, 8)).save(tmp_path / "maps" / "albedo.png")
-    assert main(["synthesize", *arguments, "--specular", "0", "-o", str(tmp_path / "x.zip")]) == 2
-    assert "is all black" in capsys.readouterr().err
+    assert "is all black" in refused(
+        "synthesize", *arguments, "--specular", "0", "-o", tmp_path / "x.zip"
+    )
     assert left(tmp_path) == set()
 
 
@@ -146,14 +148,11 @@ BAD_SETTINGS = {
 
 @pytest.mark.parametrize("name", BAD_SETTINGS)
 def test_bad_settings_end_in_one_sentence(
-    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+    arguments: list[str], tmp_path: Path, refused: Callable[..., str], name: str
 ) -> None:
     value, complaint = BAD_SETTINGS[name]
-    assert main(["synthesize", *arguments, f"--{name}", value, "-o", str(tmp_path / "x.zip")]) == 2
-    text = capsys.readouterr().err
-    assert text.startswith("error: ")
-    assert text.count("\n") == 1
-    assert complaint in text
+    words = [f"--{name}", value, "-o", tmp_path / "x.zip"]
+    assert complaint in refused("synthesize", *arguments, *words)
     assert left(tmp_path) == set()
 
 
@@ -168,39 +167,36 @@ def test_bad_settings_end_in_one_sentence(
 def test_bad_outputs_end_in_one_sentence(
     arguments: list[str],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., str],
     output: str,
     complaint: str,
 ) -> None:
-    assert main(["synthesize", *arguments, "-o", str(tmp_path / output)]) == 2
-    text = capsys.readouterr().err
-    assert complaint in text
-    assert text.count("\n") == 1
+    assert complaint in refused("synthesize", *arguments, "-o", tmp_path / output)
     assert left(tmp_path) == set()
 
 
 def test_a_small_disk_is_refused_before_rendering(
     arguments: list[str],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     usage = shutil.disk_usage(tmp_path)._replace(free=1000)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
-    assert main(["synthesize", *arguments, "-o", str(tmp_path / "x.npz")]) == 2
-    assert "GB of disk but" in capsys.readouterr().err
+    assert "GB of disk but" in refused("synthesize", *arguments, "-o", tmp_path / "x.npz")
     assert left(tmp_path) == set()
 
 
 def test_without_mitsuba_nothing_is_left(
     arguments: list[str],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(variant, "find_spec", lambda name: None)
-    assert main(["synthesize", *arguments, "-o", str(tmp_path / "x.npz")]) == 2
-    assert "pip install 'spmm_torch[mitsuba]'" in capsys.readouterr().err
+    assert "pip install 'spmm_torch[mitsuba]'" in refused(
+        "synthesize", *arguments, "-o", tmp_path / "x.npz"
+    )
     assert left(tmp_path) == set()
 
 

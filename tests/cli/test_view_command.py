@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -90,27 +91,24 @@ def test_bad_input_is_one_sentence(
     run: Path,
     tmp_path: Path,
     drawing: None,
-    capsys: pytest.CaptureFixture[str],
+    refused: Callable[..., str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["view", str(run), *options]) == 2
-    shown = capsys.readouterr().err
-    assert shown.startswith(f"error: {complaint}")
-    assert shown.count("\n") == 1
+    assert refused("view", run, *options).startswith(complaint)
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_a_run_that_is_not_there(
-    tmp_path: Path, drawing: None, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, drawing: None, refused: Callable[..., str]
 ) -> None:
-    assert main(["view", str(tmp_path / "no"), "--save", str(tmp_path / "x.png")]) == 2
-    assert "does not exist; expected a run folder" in capsys.readouterr().err
+    assert "does not exist; expected a run folder" in refused(
+        "view", tmp_path / "no", "--save", tmp_path / "x.png"
+    )
 
 
 def test_without_pyvista_the_sentence_names_the_extra(
-    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    run: Path, refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("spmm_torch.viz.requirements.find_spec", lambda name: None)
-    assert main(["view", str(run), "--save", "x.png"]) == 2
-    assert "needs pyvista, which is not installed" in capsys.readouterr().err
+    assert "needs pyvista, which is not installed" in refused("view", run, "--save", "x.png")

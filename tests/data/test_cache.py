@@ -20,6 +20,7 @@ from spmm_torch.data.cache import CacheEntry, clear, default_folder, entries, en
 from spmm_torch.data.picture_set import PictureSet
 from spmm_torch.errors import OutputError
 from spmm_torch.geometry.directions import ring_directions
+from tests.planted.pictures import encode_png, random_codes, write_pictures
 
 VIEWS = 5
 KEY = entry_key(("a test",))
@@ -95,12 +96,9 @@ def test_npz_from_the_cache(tmp_path: Path, folder: Path, dtype: str, order: str
 def test_content_counts_and_not_the_name(
     tmp_path: Path,
     folder: Path,
-    new_codes: Callable,
-    encode_png: Callable,
-    write_pictures: Callable,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    codes = new_codes("uint8", (3, 3, 2, 2))
+    codes = random_codes("uint8", (3, 3, 2, 2))
     for path in (tmp_path / "a.zip", tmp_path / "folder"):
         write_pictures(path, codes, encode_png, ".png")
         expected = load_btf(path).load(cache=folder).texels()
@@ -116,12 +114,9 @@ def test_content_counts_and_not_the_name(
 def test_other_content_and_other_parts_are_decoded(
     tmp_path: Path,
     folder: Path,
-    new_codes: Callable,
-    encode_png: Callable,
-    write_pictures: Callable,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    codes = new_codes("uint8", (3, 3, 2, 2))
+    codes = random_codes("uint8", (3, 3, 2, 2))
     for path in (tmp_path / "a.zip", tmp_path / "a"):
         codes[2, 2, 1, 1, 2] ^= 1  # between the zip and the folder, and again below
         for _ in range(2):

@@ -17,6 +17,7 @@ import torch
 
 from spmm_torch.data import cache, load_btf
 from spmm_torch.errors import DataError, OutputError
+from tests.planted.pictures import encode_png, random_codes, write_pictures
 
 VIEWS = 5
 
@@ -120,14 +121,10 @@ load_btf(sys.argv[1]).load(progress, memory=1, cache=Path(sys.argv[2]))
 """
 
 
-def test_one_decodes_and_another_goes_on_when_it_is_killed(
-    tmp_path: Path,
-    folder: Path,
-    new_codes: Callable,
-    encode_png: Callable,
-    write_pictures: Callable,
-) -> None:
-    path = write_pictures(tmp_path / "a.zip", new_codes("uint8", (5, 3, 4, 4)), encode_png, ".png")
+def test_one_decodes_and_another_goes_on_when_it_is_killed(tmp_path: Path, folder: Path) -> None:
+    path = write_pictures(
+        tmp_path / "a.zip", random_codes("uint8", (5, 3, 4, 4)), encode_png, ".png"
+    )
     command = [sys.executable, "-c", CHILD, str(path), str(folder), "4"]
     calls: list[tuple[int, int]] = []
     waiting = load_btf(path)
@@ -284,16 +281,10 @@ def test_input_that_vanishes(picture_set: Path, folder: Path) -> None:
     assert str(picture_set) in str(error.value)
 
 
-def test_input_that_is_replaced(
-    tmp_path: Path,
-    folder: Path,
-    new_codes: Callable,
-    encode_png: Callable,
-    write_pictures: Callable,
-) -> None:
-    write_pictures(tmp_path / "a.zip", new_codes("uint8", (2, 3, 2, 2)), encode_png, ".png")
+def test_input_that_is_replaced(tmp_path: Path, folder: Path) -> None:
+    write_pictures(tmp_path / "a.zip", random_codes("uint8", (2, 3, 2, 2)), encode_png, ".png")
     cached, direct = load_btf(tmp_path / "a.zip"), load_btf(tmp_path / "a.zip")
-    write_pictures(tmp_path / "a.zip", new_codes("uint8", (2, 2, 2, 2)), encode_png, ".png")
+    write_pictures(tmp_path / "a.zip", random_codes("uint8", (2, 2, 2, 2)), encode_png, ".png")
     for load in (direct.load, lambda: cached.load(cache=folder)):
         with pytest.raises(DataError, match="tl030 pl090") as error:
             load()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from spmm_torch.data.codes import (
     TableExpansion,
 )
 from spmm_torch.errors import OutputError
+from tests.planted.pictures import random_codes
 
 TEXELS, PAIRS = 11, 6
 INDICES: dict[str, Index] = {
@@ -37,12 +37,10 @@ INDICES: dict[str, Index] = {
     "empty": torch.empty(0, dtype=torch.long),
 }
 
-NewCodes = Callable[..., np.ndarray]
-
 
 @pytest.fixture
-def codes(kind: str, new_codes: NewCodes) -> np.ndarray:
-    return new_codes(kind, (TEXELS, PAIRS))
+def codes(kind: str) -> np.ndarray:
+    return random_codes(kind, (TEXELS, PAIRS))
 
 
 @pytest.fixture
@@ -136,13 +134,13 @@ def test_floats_stay_as_they_are(dtype: torch.dtype) -> None:
     assert torch.equal(values.to(dtype), codes)
 
 
-def test_bounds(kind: str, new_codes: NewCodes) -> None:
+def test_bounds(kind: str) -> None:
     expansions: dict[str, Expansion] = {
         "uint8": TableExpansion.gamma(2.2),
         "rgbe": RgbeExpansion(),
     }
     expand = expansions.get(kind, FloatExpansion())
-    codes = torch.from_numpy(new_codes(kind, (4, 5), seed=3))
+    codes = torch.from_numpy(random_codes(kind, (4, 5), seed=3))
     values = expand(codes)
     assert expand.bounds(codes) == (float(values.min()), float(values.max()))
 
@@ -155,8 +153,8 @@ def test_bounds_tell_of_nan(dtype: torch.dtype) -> None:
 
 
 @pytest.mark.gpu
-def test_same_bits_on_cuda(kind: str, new_codes: NewCodes) -> None:
-    codes = torch.from_numpy(new_codes(kind, (40, 50)))
+def test_same_bits_on_cuda(kind: str) -> None:
+    codes = torch.from_numpy(random_codes(kind, (40, 50)))
     expansions = {"uint8": TableExpansion.gamma(2.2), "rgbe": RgbeExpansion()}
     expand = expansions.get(kind, FloatExpansion())
     assert torch.equal(expand(codes.cuda()).cpu(), expand(codes))

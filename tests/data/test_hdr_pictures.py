@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +15,10 @@ from spmm_torch.data import Selection, load_btf
 from spmm_torch.data.codecs import openexr, radiance
 from spmm_torch.errors import DataError
 from tests.planted.btfs import texel_major
+from tests.planted.pictures import encode_atrium, encode_png, random_codes, write_pictures
 
 V, L, H, W = 3, 2, 4, 9
 HALF_MAX = 65504.0
-
-Factory = Callable[..., object]
 
 
 def exact_rgbe(codes: np.ndarray) -> np.ndarray:
@@ -31,19 +29,17 @@ def exact_rgbe(codes: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture
-def codes(new_codes: Factory) -> np.ndarray:
-    return new_codes("rgbe", (V, L, H, W))
+def codes() -> np.ndarray:
+    return random_codes("rgbe", (V, L, H, W))
 
 
 @pytest.fixture
-def values(new_codes: Factory) -> np.ndarray:
-    return new_codes("float32", (V, L, H, W))
+def values() -> np.ndarray:
+    return random_codes("float32", (V, L, H, W))
 
 
 @pytest.mark.parametrize("place", ["a.zip", "a"])
-def test_atrium(
-    tmp_path: Path, codes: np.ndarray, place: str, encode_atrium: Factory, write_pictures: Factory
-) -> None:
+def test_atrium(tmp_path: Path, codes: np.ndarray, place: str) -> None:
     path = write_pictures(tmp_path / place, codes, encode_atrium, ".hdr")
     btf = load_btf(path)
     assert (btf.height, btf.width, btf.pair_count) == (H, W, V * L)
@@ -55,9 +51,7 @@ def test_atrium(
     assert torch.equal(load_btf(path, gamma=1.0).texels(), btf.texels())  # they are linear
 
 
-def test_rows_of_atrium_and_of_others(
-    tmp_path: Path, encode_atrium: Factory, write_pictures: Factory
-) -> None:
+def test_rows_of_atrium_and_of_others(tmp_path: Path) -> None:
     codes = np.zeros((1, 1, H, W, 4), np.uint8)
     codes[..., 3], codes[0, 0, 0, 2, :3] = 136, (200, 100, 50)  # bright in the top row
     files = {encode_atrium: b"+X 9 -Y 4\n", radiance.encode: b"-Y 4 +X 9\n"}
@@ -74,7 +68,6 @@ def test_rows_of_atrium_and_of_others(
 def test_radiance_keeps_the_maximum(
     tmp_path: Path,
     codes: np.ndarray,
-    write_pictures: Factory,
     code: tuple[int, ...],
     value: float,
 ) -> None:
@@ -88,14 +81,7 @@ def test_radiance_keeps_the_maximum(
 @pytest.mark.parametrize(
     ("dtype", "largest"), [(np.float16, HALF_MAX), (np.float32, float(np.finfo("f4").max))]
 )
-def test_exr(
-    tmp_path: Path,
-    values: np.ndarray,
-    write_pictures: Factory,
-    place: str,
-    dtype: type,
-    largest: float,
-) -> None:
+def test_exr(tmp_path: Path, values: np.ndarray, place: str, dtype: type, largest: float) -> None:
     values = values.astype(dtype)
     values[1, 0, 2, 3, 1] = largest
     btf = load_btf(write_pictures(tmp_path / place, values, openexr.encode, ".exr"))
@@ -106,16 +92,14 @@ def test_exr(
     np.testing.assert_array_equal(btf.picture(1, 0).numpy(), values[1, 0].astype("f4"))
 
 
-def test_floats_up_to_one_are_no_hdr(tmp_path: Path, write_pictures: Factory) -> None:
+def test_floats_up_to_one_are_no_hdr(tmp_path: Path) -> None:
     values = np.random.default_rng(0).random((V, L, H, W, 3), dtype=np.float32)
     values[0, 0, 0, 0, 0] = 1.0
     btf = load_btf(write_pictures(tmp_path / "a.zip", values, openexr.encode, ".exr"))
     assert (btf.is_hdr, btf.peak()) == (False, 1.0)
 
 
-def test_hdr_is_a_matter_of_the_part(
-    tmp_path: Path, values: np.ndarray, write_pictures: Factory
-) -> None:
+def test_hdr_is_a_matter_of_the_part(tmp_path: Path, values: np.ndarray) -> None:
     values /= values.max()
     values[2, 1, 3, 8, 0] = 7.0
     path = write_pictures(tmp_path / "a.zip", values, openexr.encode, ".exr")
@@ -124,9 +108,7 @@ def test_hdr_is_a_matter_of_the_part(
         assert not load_btf(path, selection=Selection(directions=text)).is_hdr
 
 
-def test_half_floats_among_floats_are_widened(
-    tmp_path: Path, values: np.ndarray, write_pictures: Factory
-) -> None:
+def test_half_floats_among_floats_are_widened(tmp_path: Path, values: np.ndarray) -> None:
     half = values[1, 1].astype(np.float16)
     changes = {(1, 1): openexr.encode(half)}
     path = write_pictures(tmp_path / "a.zip", values, openexr.encode, ".exr", changes)
@@ -134,9 +116,7 @@ def test_half_floats_among_floats_are_widened(
     assert torch.equal(load_btf(path).texels(), texel_major(values))
 
 
-def test_floats_among_half_floats_are_refused(
-    tmp_path: Path, values: np.ndarray, write_pictures: Factory
-) -> None:
+def test_floats_among_half_floats_are_refused(tmp_path: Path, values: np.ndarray) -> None:
     changes = {(1, 1): openexr.encode(values[1, 1])}
     half = values.astype(np.float16)
     btf = load_btf(write_pictures(tmp_path / "a.zip", half, openexr.encode, ".exr", changes))
@@ -150,14 +130,7 @@ KINDS = ("png", "Radiance", "OpenEXR")
 
 @pytest.mark.parametrize("first", KINDS)
 @pytest.mark.parametrize("other", KINDS)
-def test_mixed_kinds(
-    tmp_path: Path,
-    codes: np.ndarray,
-    encode_png: Factory,
-    write_pictures: Factory,
-    first: str,
-    other: str,
-) -> None:
+def test_mixed_kinds(tmp_path: Path, codes: np.ndarray, first: str, other: str) -> None:
     values = exact_rgbe(codes).astype(np.float32)
     kinds = {
         "png": (codes[..., :3].copy(), encode_png),
@@ -182,9 +155,6 @@ def test_content_decides_and_not_the_suffix(
     tmp_path: Path,
     codes: np.ndarray,
     values: np.ndarray,
-    encode_png: Factory,
-    encode_atrium: Factory,
-    write_pictures: Factory,
     suffix: str,
 ) -> None:
     eight_bits = codes[..., :3].copy()
@@ -198,9 +168,7 @@ def test_content_decides_and_not_the_suffix(
         torch.testing.assert_close(load_btf(path).texels(), expected, rtol=1e-6, atol=0)
 
 
-def test_jpeg_and_png_may_be_mixed(
-    tmp_path: Path, codes: np.ndarray, encode_png: Factory, write_pictures: Factory
-) -> None:
+def test_jpeg_and_png_may_be_mixed(tmp_path: Path, codes: np.ndarray) -> None:
     pictures = codes[..., :3].copy()
     buffer = io.BytesIO()
     Image.fromarray(pictures[1, 0]).save(buffer, "JPEG", quality=90)
@@ -218,7 +186,6 @@ def test_jpeg_and_png_may_be_mixed(
 def test_values_that_are_not_valid(
     tmp_path: Path,
     values: np.ndarray,
-    write_pictures: Factory,
     value: float,
     shown: str,
     dtype: type,
@@ -234,10 +201,8 @@ def test_values_that_are_not_valid(
 
 
 @pytest.mark.parametrize("kind", ["rgbe", "float16", "float32"])
-def test_broken_pictures_are_named(
-    tmp_path: Path, new_codes: Factory, write_pictures: Factory, kind: str
-) -> None:
-    pictures = new_codes(kind, (V, L, H, W))
+def test_broken_pictures_are_named(tmp_path: Path, kind: str) -> None:
+    pictures = random_codes(kind, (V, L, H, W))
     encode = radiance.encode if kind == "rgbe" else openexr.encode
     good = encode(pictures[1, 1])
     broken = [good[:-9], good[:20], b"noise", encode(pictures[1, 1, 1:].copy())]
@@ -254,16 +219,14 @@ def test_broken_pictures_are_named(
         assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
-def test_pictures_of_another_size(
-    tmp_path: Path, values: np.ndarray, write_pictures: Factory
-) -> None:
+def test_pictures_of_another_size(tmp_path: Path, values: np.ndarray) -> None:
     changes = {(1, 1): openexr.encode(values[1, 1, :, 1:].copy())}
     btf = load_btf(write_pictures(tmp_path / "a.zip", values, openexr.encode, ".exr", changes))
     with pytest.raises(DataError, match=r"is 8 x 4; expected 9 x 4 like the first one"):
         btf.texels()
 
 
-def test_grey_exr(tmp_path: Path, values: np.ndarray, write_pictures: Factory) -> None:
+def test_grey_exr(tmp_path: Path, values: np.ndarray) -> None:
     OpenEXR = pytest.importorskip("OpenEXR")
     grey = np.ascontiguousarray(values[1, 1, :, :, 0])
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -275,9 +238,7 @@ def test_grey_exr(tmp_path: Path, values: np.ndarray, write_pictures: Factory) -
     assert torch.equal(load_btf(path).texels(), texel_major(values))
 
 
-def test_hidden_and_foreign_files_are_left_out(
-    tmp_path: Path, values: np.ndarray, write_pictures: Factory
-) -> None:
+def test_hidden_and_foreign_files_are_left_out(tmp_path: Path, values: np.ndarray) -> None:
     path = write_pictures(tmp_path / "a.zip", values, openexr.encode, ".exr")
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("__MACOSX/X/tl000 pl000 tv000 pv000.exr", b"mac")

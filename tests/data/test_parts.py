@@ -13,6 +13,7 @@ from spmm_torch.data import BTF, Selection, load_btf
 from spmm_torch.data.ubo2014 import write_ubo2014
 from spmm_torch.errors import DataError
 from spmm_torch.geometry.directions import ring_directions
+from tests.planted.pictures import encode_png, random_codes, write_pictures
 
 PARTS = [
     Selection(crop=(1, 2, 3, 2)),
@@ -69,12 +70,10 @@ def test_parts_of_ubo2014(tmp_path: Path, variant: str) -> None:
     check_parts(tmp_path / "a.btf")
 
 
-def test_a_part_decodes_no_more_than_itself(
-    tmp_path: Path, new_codes: Callable, encode_png: Callable, write_pictures: Callable
-) -> None:
+def test_a_part_decodes_no_more_than_itself(tmp_path: Path) -> None:
     broken = {(1, 0): b"broken", (2, 2): b"broken"}
     path = write_pictures(
-        tmp_path / "a.zip", new_codes("uint8", (3, 3, 2, 2)), encode_png, ".png", broken
+        tmp_path / "a.zip", random_codes("uint8", (3, 3, 2, 2)), encode_png, ".png", broken
     )
     assert load_btf(path, selection=Selection(directions="views=0,2;lights=0,1")).texels().numel()
     with pytest.raises(DataError, match="cannot be read"):

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from spmm_torch import BTF, SPMM
+from spmm_torch.geometry.directions import ring_directions
 from tests.planted.models import planted_model
 
 COARSE_RINGS = ((0.0, 1), (20.0, 5), (40.0, 6), (60.0, 8))
@@ -39,6 +40,13 @@ def random_btf(
     shape = (len(view), len(light), height, width, 3)
     values = torch.rand(shape, generator=torch.Generator().manual_seed(0))
     return BTF.from_values(low + (1.0 - low) * values, view, light)
+
+
+def picture_btf(values: np.ndarray) -> BTF:
+    """A BTF of values `[V, L, H, W, 3]` under some of UBO2003's directions."""
+    directions = ring_directions()
+    view = directions[torch.arange(values.shape[0]) * 7]
+    return BTF.from_values(values, view, directions[-values.shape[1] :])
 
 
 def texel_major(values: np.ndarray) -> Tensor:

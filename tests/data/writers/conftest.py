@@ -1,4 +1,4 @@
-"""A small BTF, and a disk that is soon full."""
+"""Small values, and a disk that is soon full."""
 
 from __future__ import annotations
 
@@ -7,24 +7,8 @@ from contextlib import AbstractContextManager, contextmanager
 
 import numpy as np
 import pytest
-import torch
-
-from spmm_torch.data import BTF
-from spmm_torch.geometry.directions import ring_directions
 
 SHAPE = (2, 3, 4, 5, 3)
-
-
-def make_btf(values: np.ndarray) -> BTF:
-    """A BTF of values `[V, L, H, W, 3]` under the first directions of UBO2003."""
-    directions = ring_directions()
-    view = directions[torch.arange(values.shape[0]) * 7]
-    return BTF.from_values(values, view, directions[-values.shape[1] :])
-
-
-@pytest.fixture
-def new_btf() -> Callable[[np.ndarray], BTF]:
-    return make_btf
 
 
 @pytest.fixture

@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 import torch
 
-from spmm_torch.data import BTF
 from spmm_torch.data.codecs import openexr
 from spmm_torch.data.pictures import parse_angles, unit_vectors
 from spmm_torch.data.writers import write_exr_folder
 from spmm_torch.errors import OutputError
-
-NewBTF = Callable[[np.ndarray], BTF]
+from tests.planted.btfs import picture_btf
 
 
 def decoded(folder: Path) -> dict[str, np.ndarray]:
@@ -25,9 +23,9 @@ def decoded(folder: Path) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
-def test_values_and_names(tmp_path: Path, new_btf: NewBTF, values: np.ndarray, dtype: type) -> None:
+def test_values_and_names(tmp_path: Path, values: np.ndarray, dtype: type) -> None:
     values = (values * 30_000).astype(dtype)
-    source = new_btf(values)
+    source = picture_btf(values)
     calls: list[tuple[int, int]] = []
     write_exr_folder(tmp_path / "a", source, progress=lambda *call: calls.append(call))
     assert calls == [(1, 2), (2, 2)]
@@ -45,7 +43,7 @@ def test_values_and_names(tmp_path: Path, new_btf: NewBTF, values: np.ndarray, d
     assert [file.name for file in tmp_path.iterdir()] == ["a"]
 
 
-def test_precision(tmp_path: Path, new_btf: NewBTF, values: np.ndarray) -> None:
+def test_precision(tmp_path: Path, values: np.ndarray) -> None:
     values[1, 2, 3, 4] = 1.5
     for number, (source_bytes, maximum, expected) in enumerate(
         [
@@ -56,7 +54,7 @@ def test_precision(tmp_path: Path, new_btf: NewBTF, values: np.ndarray) -> None:
         ]
     ):
         values[1, 2, 3, 4] = maximum
-        source = new_btf(values)
+        source = picture_btf(values)
         source.bytes_per_value = source_bytes
         write_exr_folder(tmp_path / str(number), source)
         pictures = decoded(tmp_path / str(number)).values()
@@ -64,16 +62,16 @@ def test_precision(tmp_path: Path, new_btf: NewBTF, values: np.ndarray) -> None:
         assert max(picture.max() for picture in pictures) == maximum
 
 
-def test_existing_folder_is_kept(tmp_path: Path, new_btf: NewBTF, values: np.ndarray) -> None:
+def test_existing_folder_is_kept(tmp_path: Path, values: np.ndarray) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "mine").write_text("mine")
     with pytest.raises(OutputError, match="a exists"):
-        write_exr_folder(tmp_path / "a", new_btf(values))
+        write_exr_folder(tmp_path / "a", picture_btf(values))
     assert [file.name for file in tmp_path.rglob("*")] == ["a", "mine"]
 
 
-def test_full_disk(tmp_path: Path, new_btf: NewBTF, full_disk: Callable) -> None:
-    source = new_btf(np.random.default_rng(1).random((1, 2, 50, 50, 3), dtype=np.float32))
+def test_full_disk(tmp_path: Path, full_disk: Callable) -> None:
+    source = picture_btf(np.random.default_rng(1).random((1, 2, 50, 50, 3), dtype=np.float32))
     with full_disk(20_000), pytest.raises(OutputError, match="cannot be written"):
         write_exr_folder(tmp_path / "a", source)
     assert not list(tmp_path.iterdir())

@@ -20,15 +20,14 @@ from spmm_torch.data.crop import crop_ubo2003
 from spmm_torch.data.writers import write_ubo2003
 from spmm_torch.data.writers.ubo2003 import _codes
 from spmm_torch.errors import ConfigError, OutputError
-
-NewBTF = Callable[[np.ndarray], BTF]
+from tests.planted.btfs import picture_btf
 
 
 @pytest.fixture
-def btf(new_btf: NewBTF, values: np.ndarray) -> BTF:
+def btf(values: np.ndarray) -> BTF:
     """Values that 8-bit codes of gamma 2.2 stand for."""
     codes = np.rint(values * 255).astype(np.uint8)
-    return new_btf(TableExpansion.gamma(2.2).table.numpy()[codes])
+    return picture_btf(TableExpansion.gamma(2.2).table.numpy()[codes])
 
 
 def test_png_holds_the_values(tmp_path: Path, btf: BTF) -> None:
@@ -70,10 +69,10 @@ def test_codes_survive_any_gamma(gamma: float) -> None:
     )
 
 
-def test_jpeg_is_near_and_keeps_colour(tmp_path: Path, new_btf: NewBTF) -> None:
+def test_jpeg_is_near_and_keeps_colour(tmp_path: Path) -> None:
     ramp = np.linspace(0.1, 0.9, 32, dtype=np.float32)
     colors = np.stack(np.broadcast_arrays(ramp[:, None], ramp[None], ramp[::-1, None]), -1)
-    source = new_btf(np.broadcast_to(colors, (1, 2, 32, 32, 3)).copy())
+    source = picture_btf(np.broadcast_to(colors, (1, 2, 32, 32, 3)).copy())
     error = {}
     for quality in (60, 95):
         write_ubo2003(tmp_path / "a.zip", source, quality=quality)
@@ -88,20 +87,16 @@ def test_jpeg_is_near_and_keeps_colour(tmp_path: Path, new_btf: NewBTF) -> None:
 
 
 @pytest.mark.parametrize("value", [1.01, 3.7e4])
-def test_nothing_is_clamped(
-    tmp_path: Path, new_btf: NewBTF, values: np.ndarray, value: float
-) -> None:
+def test_nothing_is_clamped(tmp_path: Path, values: np.ndarray, value: float) -> None:
     values[1, 2, 3, 4, 0] = value
     with pytest.raises(OutputError, match=r"tv030 pv000.jpg' would hold .*write EXR or NPZ"):
-        write_ubo2003(tmp_path / "a.zip", new_btf(values))
+        write_ubo2003(tmp_path / "a.zip", picture_btf(values))
     assert not list(tmp_path.iterdir())
 
 
-def test_rounding_above_one_is_no_clamping(
-    tmp_path: Path, new_btf: NewBTF, values: np.ndarray
-) -> None:
+def test_rounding_above_one_is_no_clamping(tmp_path: Path, values: np.ndarray) -> None:
     values[1, 2, 3, 4, 0] = np.nextafter(np.float32(1.0), np.float32(2.0))
-    write_ubo2003(tmp_path / "a.zip", new_btf(values), format="png")
+    write_ubo2003(tmp_path / "a.zip", picture_btf(values), format="png")
     assert load_btf(tmp_path / "a.zip").texels().max() == 1.0
 
 
@@ -130,10 +125,8 @@ def test_options(tmp_path: Path, btf: BTF) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_full_disk(
-    tmp_path: Path, new_btf: NewBTF, values: np.ndarray, full_disk: Callable
-) -> None:
-    source = new_btf(np.tile(values, (1, 1, 20, 20, 1)))
+def test_full_disk(tmp_path: Path, values: np.ndarray, full_disk: Callable) -> None:
+    source = picture_btf(np.tile(values, (1, 1, 20, 20, 1)))
     with full_disk(50_000), pytest.raises(OutputError, match="cannot be written"):
         write_ubo2003(tmp_path / "a.zip", source)
     assert not list(tmp_path.iterdir())
