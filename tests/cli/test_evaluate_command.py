@@ -171,7 +171,7 @@ def test_another_input_is_told(
         (["RUN", "--against", "COARSER"], "has 7 of the 20 view directions"),
         (["RUN", "-o", "RUN"], "exists; expected a new name"),
         (["RUN", "--device", "abacus"], "expected auto, cpu, cuda"),
-        (["MOVED"], "name its place now with --against"),
+        (["MOVED"], "give its present path with --against"),
         (["BARE"], "report.json cannot be read"),
         (["RUN", "--what"], "unrecognized arguments: --what; spmm evaluate --help tells"),
         ([], "the following arguments are required: RUN"),

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.markdown import DOCS, ROOT, patched
+from tests.docs.markdown import patched
+from tests.locations import DOCS, ROOT
 
 PAGE = DOCS / "extending.md"
 # Folders of the checkout, and where they lie in the copy: installed, cli is a part of the package.

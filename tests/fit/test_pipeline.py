@@ -88,12 +88,17 @@ def test_planted_model_is_found() -> None:
 
 
 def test_the_report_counts_how_solvers_ended() -> None:
-    btf, _ = planted_btf()
+    btf = noisy(2, 3)
+    quick = {"pairs": 64, "adam_steps": 2, "lbfgs_steps": 4}
     for method, used in (
         ("corrective", {"kmeans", "varpro", "foba", "nnls"}),
         ("stagewise", {"kmeans", "adam", "lbfgs", "stagewise_lasso", "nnls"}),
     ):
-        config = small(search={"method": method}, select={"method": method})
+        config = small(
+            search={"method": method, **quick},
+            stagewise={"eta": 0.2, "lambda_min": 0.2, "max_steps": 20},
+            select={"method": method},
+        )
         solvers = fit(btf, config, render=False).report["solvers"]
         ended = {name for name, ends in solvers.items() if sum(ends.values())}
         assert ended == used
