@@ -71,6 +71,7 @@ class BTFMaterial:
                 q = query[where]
                 picked = values[row[part, None] * self.btf.pair_count + pair[q]].to(weight)
                 entries[q, corner[where]] = torch.einsum("epc,ep->ec", picked, weight[q])
+            del values  # before the next block is read: two of them need twice the memory
         total = (entries * texel_weight[..., None]).sum(1)
         return total.view(*shape, self.btf.channels)
 
