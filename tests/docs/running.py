@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -76,3 +79,18 @@ def assert_alike(found: str, expected: str, where: str) -> None:
         digit = 10.0 ** -len(wanted.partition(".")[2])
         bound = max(RELATIVE * abs(float(wanted)), digit)
         assert abs(float(number) - float(wanted)) <= 1.001 * bound, f"{where}: {found}"
+
+
+def run_process(folder: Path, *words: str, seconds: float) -> str:
+    """The output of Python in a folder that holds a copy of the package."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, *words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=seconds,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tests.docs.markdown import FENCE, Block, patched
-from tests.docs.running import run_blocks
+from tests.docs.running import run_blocks, run_process
 from tests.locations import DOCS, ROOT
 
 PAGE = DOCS / "extending.md"
@@ -70,20 +68,7 @@ def copy(tmp_path: Path, run: Path) -> Path:
 def python(copy: Path) -> Callable[..., str]:
     """Runs Python on the copy."""
 
-    def work(*arguments: str) -> str:
-        environment = {**os.environ, "PYTHONPATH": str(copy), "OMP_NUM_THREADS": "1"}
-        done = subprocess.run(
-            [sys.executable, *arguments],
-            cwd=copy,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=SECONDS,
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    return work
+    return partial(run_process, copy, seconds=SECONDS)
 
 
 def pasted(copy: Path, title: str) -> list[list[str]]:

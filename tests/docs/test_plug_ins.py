@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.docs.markdown import patched
+from tests.docs.running import run_process
 from tests.locations import DOCS, ROOT
 
 PAGE = DOCS / "extending.md"
@@ -36,21 +34,6 @@ def blocks(title: str) -> list[tuple[str, str, str]]:
         elif line.strip():
             file = match[1] if (match := FILE.match(line)) else ""
     return found
-
-
-def run(folder: Path, words: list[str]) -> str:
-    """The output of Python in the copy."""
-    environment = {**os.environ, "PYTHONPATH": str(folder), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [sys.executable, *words],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def commands(title: str) -> list[list[str]]:
@@ -117,11 +100,11 @@ except DataError as error:
 
 
 def test_all_examples_work_together(copy: Path) -> None:
-    run(copy, ["-c", TOGETHER])
+    run_process(copy, *["-c", TOGETHER], seconds=SECONDS)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("title", [title for title in SECTIONS if commands(title)])
 def test_commands(copy: Path, title: str) -> None:
     for words in commands(title):
-        run(copy, words)
+        run_process(copy, *words, seconds=SECONDS)
