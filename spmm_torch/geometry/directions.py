@@ -36,6 +36,10 @@ UBO2014_RINGS = (
     (75.0, 24),
 )
 
+# How a texture continues beyond its border.
+REPEAT, MIRROR = "repeat", "mirror"
+RULES = (REPEAT, MIRROR)
+
 
 def direction_from_angles(theta: Tensor, phi: Tensor) -> Tensor:
     """Unit vectors `[..., 3]` of polar angle theta `[...]` and azimuth phi `[...]`, in radians."""
@@ -122,8 +126,13 @@ def hemisphere_spiral(count: int, max_theta: float = MAX_TILT) -> Tensor:
     return direction_from_angles(torch.arccos(cos_theta), step * golden).float()
 
 
-def texel_at(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """The four texels around uv `[..., 2]` and their bilinear weights; the texture repeats.
+def texel_at(uv: Tensor, height: int, width: int, rule: str = REPEAT) -> tuple[Tensor, Tensor]:
+    """The four texels around uv `[..., 2]` and their bilinear weights.
+
+    Args:
+        uv: texture coordinates, u right, v up.
+        height, width: texels of the texture.
+        rule: how the texture continues beyond its border, one of `RULES`.
 
     Returns:
         (index `[..., 4]`, weight `[..., 4]`).
@@ -133,10 +142,24 @@ def texel_at(uv: Tensor, height: int, width: int) -> tuple[Tensor, Tensor]:
     left, top = torch.floor(column), torch.floor(row)
     right, bottom = column - left, row - top  # weights
     left, top = left.long(), top.long()
-    columns = torch.stack((left % width, (left + 1) % width), dim=-1)  # [..., 2]
-    rows = torch.stack((top % height, (top + 1) % height), dim=-1)  # [..., 2]
+    columns = continued(torch.stack((left, left + 1), dim=-1), width, rule)  # [..., 2]
+    rows = continued(torch.stack((top, top + 1), dim=-1), height, rule)  # [..., 2]
     across = torch.stack((1.0 - right, right), dim=-1)
     down = torch.stack((1.0 - bottom, bottom), dim=-1)
     index = rows[..., :, None] * width + columns[..., None, :]  # [..., 2, 2]
     weight = down[..., :, None] * across[..., None, :]
     return index.flatten(-2), weight.flatten(-2)
+
+
+def continued(index: Tensor, count: int, rule: str) -> Tensor:
+    """The row or column `[...]` of the texture that stands at any whole number `index [...]`.
+
+    Args:
+        index: rows or columns, beyond the border too.
+        count: rows or columns of the texture.
+        rule: `repeat`, or `mirror`: every second copy is reversed.
+    """
+    if rule == REPEAT:
+        return index % count
+    place = index % (2 * count)
+    return torch.minimum(place, 2 * count - 1 - place)

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from spmm_torch.geometry.directions import (
     MAX_TILT,
+    MIRROR,
     UBO2014_RINGS,
     angular_spacing,
     direction_from_angles,
@@ -205,3 +206,14 @@ def test_texel_at_is_batched() -> None:
     index, weight = texel_at(uv, 4, 4)
     assert index.shape == weight.shape == (2, 3, 4)
     assert weight.dtype == torch.float32
+
+
+def test_a_mirrored_texture_is_reversed_in_every_second_copy() -> None:
+    values = torch.rand(4, 6, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
+    twice = torch.cat((values, values.flip(1)), dim=1)
+    twice = torch.cat((twice.flip(0), twice))  # row 0 is the top, v = 0 the bottom
+    uv = 6.0 * torch.rand(50, 2, generator=torch.Generator().manual_seed(2)).double() - 3.0
+    index, weight = texel_at(uv, 4, 6, MIRROR)
+    expected, expected_weight = texel_at(0.5 * uv, 8, 12)
+    found = (values.flatten()[index] * weight).sum(-1)
+    torch.testing.assert_close(found, (twice.flatten()[expected] * expected_weight).sum(-1))
