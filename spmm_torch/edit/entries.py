@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from ..lobes.batch import LobeBatch
+from ..model.components import Components
 from ..model.residual import Residual
 from ..model.spmm import SPMM, SparseWeights
 from .parts import with_parts
@@ -56,16 +57,18 @@ def from_entries(
     parts: Sequence[Entries],
     labels: Tensor | None = None,
     residual: Residual | None = None,
+    components: Components | None = None,
 ) -> SPMM:
     """A model of the same size with other entries; lobes that no entry uses are left out.
 
     Args:
-        model: gives the size, and labels and residual if they are not given.
+        model: gives the size, and what of the residual is not given.
         lobes: a dictionary of J lobes.
         parts: entries by texel; those of one texel keep the order of the parts. Each part is in
             order already, so counting merges them.
         labels: cluster of each texel, `[T]`.
         residual: epsilon of each cluster.
+        components: the residual of each texel.
     """
     counts = [torch.bincount(part.texel, minlength=model.texel_count) for part in parts]
     total = torch.stack(counts).sum(0)  # [T]
@@ -83,4 +86,11 @@ def from_entries(
     used = torch.bincount(index, minlength=len(lobes)) > 0  # [J]
     position = used.cumsum(0) - 1
     weights = SparseWeights(offset, position.index_select(0, index), weight)
-    return with_parts(model, lobes=lobes[used], weights=weights, labels=labels, residual=residual)
+    return with_parts(
+        model,
+        lobes=lobes[used],
+        weights=weights,
+        labels=labels,
+        residual=residual,
+        components=components,
+    )

@@ -56,9 +56,7 @@ def sample_look(model: SPMM, where: Selection = EVERYTHING) -> Look:
     value = model.weight[entry] * shown[:, None]  # [E, C]
     colour = value.new_zeros(len(texel), value.shape[1]).index_add(0, row, value)
     if where.reaches_residual:
-        cluster = model.labels[texel]
-        code = model.residual.code[cluster, view.to(cluster)[pair], light.to(cluster)[pair]]
-        epsilon = code.to(colour) * model.residual.scale[cluster, None]
+        epsilon = _residual(model, texel, view.to(texel)[pair], light.to(texel)[pair]).to(colour)
         share = where.texels
         colour = colour + (epsilon if share is None else epsilon * share[texel, None])
     colour = colour.unflatten(0, (-1, MIXED)).mean(1) if len(texel) else colour
@@ -69,6 +67,18 @@ def _reflected(model: SPMM, light: Tensor, view: Tensor) -> Tensor:
     """rho of all lobes under pairs of measured directions, by indices `[P]`: `[J, P]`."""
     wi, wo = model.light[light.to(model.light.device)], model.view[view.to(model.view.device)]
     return model.dictionary.detach().eval(wi[None], wo[None])
+
+
+def _residual(model: SPMM, texel: Tensor, view: Tensor, light: Tensor) -> Tensor:
+    """The residual `[E, C]` of texels at measured views and lights, by indices, all `[E]`."""
+    total = torch.zeros(len(texel), model.weight.shape[1], device=texel.device)
+    if len(model.residual.code):
+        cluster = model.labels[texel]
+        code = model.residual.code[cluster, view, light]
+        total = code.to(total) * model.residual.scale[cluster, None]
+    if model.components is None:
+        return total
+    return total + model.components.measured(texel, view * len(model.light) + light)
 
 
 def _random_texels(model: SPMM, where: Selection, generator: torch.Generator) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from ..lobes.batch import LobeBatch
+from ..model.components import Components
 from ..model.residual import Residual
 from ..model.spmm import SPMM, SparseWeights
 
@@ -16,6 +17,7 @@ def with_parts(
     weights: SparseWeights | None = None,
     labels: Tensor | None = None,
     residual: Residual | None = None,
+    components: Components | None = None,
 ) -> SPMM:
     """A model with the given parts, which shares the tensors of all others with `model`.
 
@@ -25,6 +27,7 @@ def with_parts(
         weights: entries of all texels.
         labels: cluster of each texel, `[T]`.
         residual: epsilon of each cluster.
+        components: the residual of each texel.
     """
     return SPMM(
         model.height,
@@ -36,4 +39,6 @@ def with_parts(
         model.light,
         model.view,
         model.name,
+        components=components or model.components,
+        weight_type=model.weight_type,
     )

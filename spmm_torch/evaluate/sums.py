@@ -53,11 +53,13 @@ class Tabulated:
         model: on the device of the tables.
         rho: values of lobes, `[J, D]`.
         epsilon: the residual of the clusters, `[K, D, C]`.
+        functions: those of the components, `[R, D, C]`; None for none.
     """
 
     model: SPMM
     rho: Tensor
     epsilon: Tensor
+    functions: Tensor | None
 
     @classmethod
     def build(cls, model: SPMM, light: Tensor, view: Tensor) -> Tabulated:
@@ -69,7 +71,18 @@ class Tabulated:
             model.residual(part[:, None], wi[None], wo[None])
             for part in clusters.split(max(1, BLOCK_QUERIES // len(wi)))
         ]
-        return cls(model, model.dictionary.eval_grid(light, view), torch.cat(epsilon))
+        functions = None
+        if model.components is not None:
+            functions = model.components.functions(wi, wo).transpose(0, 1).contiguous()
+        return cls(model, model.dictionary.eval_grid(light, view), torch.cat(epsilon), functions)
+
+    def residual(self, texels: slice) -> Tensor:
+        """The residual of consecutive texels, `[n, D, C]`."""
+        total = self.epsilon[self.model.labels[texels]]
+        if self.functions is None or self.model.components is None:
+            return total
+        coefficients = self.model.components.coefficients()[texels]
+        return total + (coefficients @ self.functions.flatten(1)).view(total.shape)
 
     def lobes(self, texels: slice) -> Tensor:
         """The sum of the lobes of consecutive texels, `[n, D, C]`."""
@@ -116,7 +129,7 @@ def squared_errors(
         lobes = table.lobes(texels)
         # In float64: the errors of cluster means are a small difference of large energies.
         squares = [value.double().square().sum(-1)]  # [n, D]
-        for error in (lobes - value, lobes + table.epsilon[label] - value):
+        for error in (lobes - value, lobes + table.residual(texels) - value):
             squares.append(error.square().sum(-1).double())
         by_pair += torch.stack([part.sum(0) for part in squares])
         by_texel[:, texels] = torch.stack([squares[0] @ counted, squares[2] @ counted])

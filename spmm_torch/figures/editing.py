@@ -17,7 +17,7 @@ from ..edit import Script, change_colours
 from ..edit.edits.hue_saturation import HueSaturation
 from ..edit.examples import example
 from ..geometry.hemisphere import HemisphereInterpolation
-from ..model.residual import LOWEST_COSINE
+from ..model.measured_pairs import LOWEST_COSINE
 from ..model.spmm import SPMM
 from ..render import Rendering, RenderSettings, Scene, auto_exposure, render
 from ..render.material import Material

@@ -13,12 +13,39 @@ from torch import Tensor
 
 from ..lobes.batch import LobeBatch
 from ..runtime import tensor_file
+from .components import Components
 from .lookup import SparseWeights
 from .residual import Residual
 from .stored_models import loaded_kappa, loaded_models, stored_kappa, stored_names
+from .stored_weights import (
+    StoredEntries,
+    by_lobe,
+    decode_entries,
+    decode_weights,
+    encode_entries,
+    encode_weights,
+    is_coded,
+)
 
 Tensors = dict[str, Tensor]
-PARTS = ("weights", "dictionary", "residual")
+# What the tensors whose names begin so count as.
+PARTS = {
+    "weights": "weights",
+    "dictionary": "dictionary",
+    "residual": "residual",
+    "components": "residual",
+}
+# Tensors, or all whose names begin so, that texels share: they do not grow with the texture.
+SHARED = (
+    "dictionary.",
+    "residual.",
+    "components.code",
+    "components.scale",
+    "components.coefficient_scale",
+    "weights.range",
+    "directions.",
+)
+COMPONENTS = ("code", "scale", "coefficient", "coefficient_scale")
 
 
 @dataclass(frozen=True)
@@ -33,6 +60,8 @@ class ModelParts:
         residual: epsilon_k of each cluster.
         light, view: measured directions, `[L, 3]` and `[V, 3]`.
         name: of the material.
+        components: the residual of each texel; None for none.
+        weight_type: number format of the weights in the file: uint8, int16 or float32.
     """
 
     height: int
@@ -44,16 +73,16 @@ class ModelParts:
     light: Tensor
     view: Tensor
     name: str
+    components: Components | None = None
+    weight_type: torch.dtype = torch.float32
 
 
 def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
     """The tensors of a model file by name, and its metadata."""
-    offset, lobes = parts.weights.offset, parts.lobes
+    lobes = parts.lobes
     names = stored_names(lobes.model)
     tensors = {
-        "weights.count": tensor_file.narrow(offset[1:] - offset[:-1]),
-        "weights.index": tensor_file.narrow(parts.weights.index),
-        "weights.weight": parts.weights.weight,
+        **_stored_weights(parts),
         "weights.label": tensor_file.narrow(parts.labels),
         "dictionary.model": tensor_file.narrow(lobes.model),
         "dictionary.kappa": stored_kappa(lobes.kappa, names),
@@ -64,8 +93,33 @@ def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
         "directions.light": parts.light,
         "directions.view": parts.view,
     }
-    size = {"height": str(parts.height), "width": str(parts.width)}
-    return tensors, {"name": parts.name, "models": json.dumps(names), **size}
+    if parts.components is not None:
+        tensors |= {f"components.{name}": getattr(parts.components, name) for name in COMPONENTS}
+    metadata = {"name": parts.name, "models": json.dumps(names)}
+    metadata |= {"height": str(parts.height), "width": str(parts.width)}
+    if parts.components is not None or is_coded(parts.weight_type):
+        metadata["version"] = "2"
+    return tensors, metadata
+
+
+def _stored_weights(parts: ModelParts) -> Tensors:
+    """The tensors of the entries of all texels by name."""
+    weights = parts.weights
+    if not is_coded(parts.weight_type):
+        return {
+            "weights.count": tensor_file.narrow(weights.offset[1:] - weights.offset[:-1]),
+            "weights.index": tensor_file.narrow(weights.index),
+            "weights.weight": weights.weight,
+        }
+    weights = by_lobe(weights)
+    entries = encode_entries(weights, len(parts.lobes))
+    code, limits = encode_weights(weights.weight, parts.weight_type)
+    return {
+        "weights.count": entries.count,
+        "weights.index": entries.index,
+        "weights.code": code,
+        "weights.range": limits,
+    }
 
 
 def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
@@ -81,27 +135,53 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
         tensors["dictionary.normal"],
         tensors["dictionary.angle"],
     )
-    count = tensors["weights.count"].long()
-    offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
     light, view = tensors["directions.light"], tensors["directions.view"]
     return ModelParts(
         int(metadata["height"]),
         int(metadata["width"]),
         lobes,
-        SparseWeights(offset, tensors["weights.index"].long(), tensors["weights.weight"]),
+        _loaded_weights(tensors),
         tensors["weights.label"].long(),
         Residual(tensors["residual.code"], tensors["residual.scale"], light, view),
         light,
         view,
         metadata["name"],
+        _loaded_components(tensors, light, view),
+        tensors["weights.code"].dtype if "weights.code" in tensors else torch.float32,
     )
 
 
+def _loaded_weights(tensors: Tensors) -> SparseWeights:
+    """The entries that `_stored_weights` stored."""
+    offset, index = decode_entries(
+        StoredEntries(tensors["weights.count"], tensors["weights.index"])
+    )
+    if "weights.code" not in tensors:
+        return SparseWeights(offset, index, tensors["weights.weight"])
+    weight = decode_weights(tensors["weights.code"], tensors["weights.range"])
+    return SparseWeights(offset, index, weight)
+
+
+def _loaded_components(tensors: Tensors, light: Tensor, view: Tensor) -> Components | None:
+    """The components of a file; None if it has none."""
+    if "components.code" not in tensors:
+        return None
+    return Components(*(tensors[f"components.{name}"] for name in COMPONENTS), light, view)
+
+
 def byte_counts(tensors: Tensors) -> dict[str, int]:
-    """Stored bytes of weights, dictionary and residual."""
-    counts: dict[str, int] = dict.fromkeys(PARTS, 0)
+    """Stored bytes of weights, dictionary and residual, to which components count."""
+    counts = dict.fromkeys(PARTS.values(), 0)
     for name, tensor in tensors.items():
-        part = name.partition(".")[0]
-        if part in counts:
-            counts[part] += tensor.numel() * tensor.element_size()
+        if part := PARTS.get(name.partition(".")[0]):
+            counts[part] += _bytes(tensor)
     return counts
+
+
+def shared_bytes(tensors: Tensors) -> int:
+    """Stored bytes of what all texels share: lobes, functions of the residual, directions."""
+    return sum(_bytes(tensor) for name, tensor in tensors.items() if name.startswith(SHARED))
+
+
+def _bytes(tensor: Tensor) -> int:
+    return tensor.numel() * tensor.element_size()

@@ -7,11 +7,9 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from ..geometry.hemisphere import HemisphereInterpolation
+from .measured_pairs import MeasuredPairs
 
 FLOAT16_MAX = 65504.0  # largest finite half
-# Least cosine of the lowest measured light, which cosines are divided by: it may be 0.
-LOWEST_COSINE = 1e-6
 
 
 class Residual(nn.Module):
@@ -21,7 +19,7 @@ class Residual(nn.Module):
     then keep a relative precision of 11 bits whatever the range of the data.
 
     Args:
-        code: `[K, V, L, C]`, float16 or float32.
+        code: `[K, V, L, C]`, float16 or float32. Without clusters, K = 0, the residual is 0.
         scale: `[K]` float32.
         light, view: measured directions, `[L, 3]` and `[V, 3]`.
     """
@@ -32,9 +30,7 @@ class Residual(nn.Module):
         super().__init__()
         self.code = nn.Parameter(code, requires_grad=False)
         self.register_buffer("scale", scale)
-        self.light_mesh = HemisphereInterpolation.build(light)
-        self.view_mesh = HemisphereInterpolation.build(view)
-        self.lowest_light = max(float(light[:, 2].min()), LOWEST_COSINE)
+        self.pairs = MeasuredPairs.build(light, view)
 
     def with_codes(self, code: Tensor, scale: Tensor) -> Residual:
         """The same directions with the values of other clusters.
@@ -43,13 +39,12 @@ class Residual(nn.Module):
             code: `[K', V, L, C]`.
             scale: `[K']`.
         """
-        return Residual(code, scale, self.light_mesh.directions, self.view_mesh.directions)
+        return Residual(code, scale, self.pairs.light.directions, self.pairs.view.directions)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Residual:
         """Moves the meshes with the module, without a change of their dtype."""
         super()._apply(fn, recurse)
-        self.light_mesh = self.light_mesh.to(self.code.device)
-        self.view_mesh = self.view_mesh.to(self.code.device)
+        self.pairs = self.pairs.to(self.code.device)
         return self
 
     def forward(self, cluster: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
@@ -74,25 +69,23 @@ class Residual(nn.Module):
             weight: of each of them, `[Q, M]`.
             wi, wo: directions `[Q, 3]`.
         """
-        pair, pair_weight = self._pairs(wi, wo)  # [Q, 9]
+        return self.at_pairs(cluster, weight, *self.pairs.around(wi, wo))
+
+    def at_pairs(
+        self, cluster: Tensor, weight: Tensor, pair: Tensor, pair_weight: Tensor
+    ) -> Tensor:
+        """`blend` given the pairs around each query and their weights, both `[Q, 9]`."""
+        if not len(self.code):
+            return pair_weight.new_zeros(len(pair), self.code.shape[-1])
         query, column, merged = _merged(cluster, weight)  # [E]
         cluster = cluster[query, column]
         table = self.code.flatten(1, 2)  # [K, V L, C]
         row = cluster[:, None] * table.shape[1] + pair.index_select(0, query)  # [E, 9]
         code = table.flatten(0, 1).index_select(0, row.flatten()).unflatten(0, row.shape)
-        merged = merged * self.scale.to(wi.dtype)[cluster]
+        merged = merged * self.scale.to(pair_weight.dtype)[cluster]
         mixed = pair_weight.index_select(0, query) * merged[:, None]
-        value = (code.to(wi.dtype) * mixed[..., None]).sum(dim=1)  # [E, C]
-        return value.new_zeros(len(wi), value.shape[1]).index_add(0, query, value)
-
-    def _pairs(self, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
-        """Measured pairs `[Q, 9]`, view * L + light, and their interpolation weights `[Q, 9]`."""
-        light, light_weight = self.light_mesh.weights(wi)  # [Q, 3]
-        view, view_weight = self.view_mesh.weights(wo)  # [Q, 3]
-        fade = (wi[:, 2:] / self.lowest_light).clamp(0.0, 1.0) * (wo[:, 2:] > 0.0)
-        pair = view[:, :, None] * self.code.shape[2] + light[:, None, :]
-        weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]
-        return pair.flatten(1), weight.flatten(1)
+        value = (code.to(pair_weight.dtype) * mixed[..., None]).sum(dim=1)  # [E, C]
+        return value.new_zeros(len(pair), value.shape[1]).index_add(0, query, value)
 
 
 def _merged(cluster: Tensor, weight: Tensor) -> tuple[Tensor, Tensor, Tensor]:

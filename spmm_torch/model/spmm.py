@@ -15,6 +15,7 @@ from ..lobes.ragged import stable_order
 from ..runtime import tensor_file
 from ..runtime.device import full_precision
 from . import file, sampling
+from .components import Components
 from .lookup import SparseWeights, TexelBlocks, blocks_met
 from .residual import Residual
 
@@ -23,19 +24,22 @@ EVALUATED_ENTRIES = 1 << 18
 
 
 class SPMM(nn.Module):
-    """T = H x W texels, each a short non-negative sum of J shared lobes, plus a cluster residual.
+    """T = H x W texels, each a short non-negative sum of J shared lobes, plus a residual.
 
     s_x(wi, wo) = sum_j alpha_j rho_j(wi, wo) + epsilon_k(wi, wo) [WDR11 Eq. 2]. alpha, kappa,
-    normals, angles and epsilon are parameters of the module; epsilon starts without gradient.
+    normals, angles and epsilon are parameters of the module; epsilon starts without gradient. With
+    components, sum_r c_r B_r(wi, wo) is added to epsilon, or is all of it.
 
     Args:
         height, width: texels of the texture, H and W.
         lobes: the dictionary, J lobes.
         weights: entries of all texels.
         labels: cluster of each texel, `[T]`.
-        residual: epsilon_k of each cluster.
+        residual: epsilon_k of each cluster; it may have no clusters.
         light, view: measured directions `[L, 3]`, `[V, 3]`.
         name: of the material.
+        components: the residual of each texel; None for none.
+        weight_type: number format of the weights in a file: uint8, int16 or float32.
     """
 
     lobe_model: Tensor
@@ -56,9 +60,12 @@ class SPMM(nn.Module):
         light: Tensor,
         view: Tensor,
         name: str = "",
+        components: Components | None = None,
+        weight_type: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
         self.height, self.width, self.name = height, width, name
+        self.weight_type = weight_type
         self.kappa = nn.Parameter(lobes.kappa)
         self.normal = nn.Parameter(lobes.normal)
         self.angle = nn.Parameter(lobes.angle)
@@ -68,6 +75,7 @@ class SPMM(nn.Module):
         self.register_buffer("index", weights.index)
         self.register_buffer("labels", labels)
         self.residual = residual
+        self.components = components
         self.register_buffer("light", light)
         self.register_buffer("view", view)
         self._sampling: sampling.SamplingData | None = None
@@ -107,6 +115,8 @@ class SPMM(nn.Module):
             self.light,
             self.view,
             self.name,
+            components=self.components,
+            weight_type=self.weight_type,
         )
         return file.to_tensors(parts)
 
@@ -124,6 +134,13 @@ class SPMM(nn.Module):
         """Stored bytes of weights, dictionary and residual, and of the whole file."""
         return {**file.byte_counts(self.to_tensors()[0]), "total": len(self.pack())}
 
+    def bytes_per_texel(self) -> float:
+        """Bytes of the file that each texel takes, without the basis that all texels share."""
+        tensors, metadata = self.to_tensors()
+        return (
+            len(tensor_file.pack(tensors, metadata)) - file.shared_bytes(tensors)
+        ) / self.texel_count
+
     @property
     def dictionary(self) -> LobeBatch:
         """The J lobes."""
@@ -132,7 +149,7 @@ class SPMM(nn.Module):
     @property
     def cluster_count(self) -> int:
         """Number of clusters, K."""
-        return len(self.residual.code)
+        return len(self.residual.code) or int(self.labels.max()) + 1
 
     @property
     def texel_count(self) -> int:
@@ -227,9 +244,8 @@ class SPMM(nn.Module):
         """
         kept = self._sampling
         if renew or kept is None or kept.gamma.device != self.weight.device:
-            size = sampling.residual_intensity(self.residual.code, self.residual.scale)  # [K]
             kept = sampling.SamplingData.build(
-                self.dictionary, self.offset, self.index, self.weight, size[self.labels]
+                self.dictionary, self.offset, self.index, self.weight, self._residual_intensity()
             )
             self._sampling = kept
         return kept
@@ -247,9 +263,33 @@ class SPMM(nn.Module):
         """`forward` of some queries: block `[Q]`, bilinear `[Q, 4]`, wi and wo `[Q, 3]`."""
         total = blocks.sums(self.dictionary, block, bilinear, wi, wo)
         if residual:
-            cluster = self.labels[blocks.texel[block]]
-            total = total + self.residual.blend(cluster, bilinear, wi, wo)  # Eq. (2)
+            total = total + self.epsilon(blocks.texel[block], bilinear, wi, wo)  # Eq. (2)
         return total
+
+    def epsilon(self, texel: Tensor, weight: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """Weighted sums `[Q, C]` of the whole residual of texels `[Q, M]`, without lobes.
+
+        Args:
+            texel: `[Q, M]`.
+            weight: of each of them, `[Q, M]`.
+            wi, wo: directions `[Q, 3]`.
+        """
+        near = self.residual.pairs.around(wi, wo)
+        total = self.residual.at_pairs(self.labels[texel], weight, *near)
+        if self.components is not None:
+            total = total + self.components.at_pairs(texel, weight, *near)
+        return total
+
+    def _residual_intensity(self) -> Tensor:
+        """What importance sampling takes for the size of the whole residual, `[T]` in 1/sr.
+
+        Sizes of both kinds of residual are added, which is never too little.
+        """
+        total = torch.zeros_like(self.labels, dtype=self.residual.scale.dtype)
+        if len(self.residual.code):
+            size = sampling.residual_intensity(self.residual.code, self.residual.scale)  # [K]
+            total = size[self.labels]
+        return total if self.components is None else total + self.components.intensity()
 
     @full_precision()
     def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
@@ -259,10 +299,18 @@ class SPMM(nn.Module):
         texel = torch.repeat_interleave(self.lobe_count_per_texel())
         total = value.new_zeros(self.texel_count, value.shape[1]).index_add(0, texel, value)
         if residual:
-            cluster = torch.arange(self.cluster_count, device=wi.device)
-            pair = (len(cluster), 3)
-            total = total + self.residual(cluster, wi.expand(pair), wo.expand(pair))[self.labels]
+            total = total + self._residual_picture(wi, wo)
         return total.view(self.height, self.width, -1)
+
+    def _residual_picture(self, wi: Tensor, wo: Tensor) -> Tensor:
+        """The residual of all texels `[T, C]` under one wi `[3]` and wo `[3]`."""
+        cluster = torch.arange(self.cluster_count, device=wi.device)
+        pair = (len(cluster), 3)
+        total = self.residual(cluster, wi.expand(pair), wo.expand(pair))[self.labels]
+        if self.components is not None:
+            functions = self.components.functions(wi[None], wo[None])[0]  # [R, C]
+            total = total + self.components.coefficients().to(functions) @ functions
+        return total
 
     def lobe_count_per_texel(self) -> Tensor:
         """Number of lobes of each texel, `[T]`."""

@@ -10,7 +10,7 @@ from torch import Tensor
 from ..data import BTF
 from ..geometry.directions import texel_at
 from ..geometry.hemisphere import HemisphereInterpolation
-from ..model.residual import LOWEST_COSINE
+from ..model.measured_pairs import LOWEST_COSINE
 from ..runtime.memory import slices
 
 # Values of whole texels that are decoded at once: 64 MB of float32.

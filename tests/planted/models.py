@@ -10,7 +10,9 @@ from torch import Tensor
 
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.edit.parts import with_parts
 from spmm_torch.geometry.directions import UBO2003_RINGS, ring_directions
+from spmm_torch.model.components import Components, encode_coefficients, encode_functions
 from spmm_torch.model.residual import Residual, encode_residual
 from spmm_torch.model.spmm import SparseWeights
 from tests.planted.lobes import random_lobes
@@ -89,6 +91,35 @@ def uneven_model(
         view.clone(),  # safetensors stores no tensor twice
         name,
     )
+
+
+def with_components(
+    model: SPMM,
+    rank: int = 3,
+    size: float = 0.05,
+    beside: bool = False,
+    dtype: torch.dtype = torch.int8,
+) -> SPMM:
+    """The model with a residual of rank R, each component half as large as the one before.
+
+    Args:
+        model: gives all else.
+        rank: R.
+        size: standard deviation of the first component.
+        beside: whether the residual of clusters stays; it goes otherwise.
+        dtype: of the codes of the functions.
+    """
+    generator = torch.Generator().manual_seed(12)
+    light, view = model.light, model.view
+    decay = size * 0.5 ** torch.arange(rank)
+    shape = (rank, len(view), len(light), model.weight.shape[1])
+    functions = decay.view(-1, 1, 1, 1) * torch.randn(shape, generator=generator)
+    coefficients = torch.randn(model.texel_count, rank, generator=generator)
+    coded = *encode_functions(functions, dtype), *encode_coefficients(coefficients)
+    residual = model.residual
+    if not beside:
+        residual = residual.with_codes(residual.code.detach()[:0], residual.scale[:0])
+    return with_parts(model, residual=residual, components=Components(*coded, light, view))
 
 
 @torch.no_grad()

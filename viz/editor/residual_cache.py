@@ -9,7 +9,7 @@ from ...model.spmm import SPMM
 
 
 class ResidualCache:
-    """epsilon_k of all hits under one light and view.
+    """The whole residual of all hits under one light and view.
 
     Args:
         texel, texel_weight: n texels of each of P hits and their weights, `[P, n]`.
@@ -23,13 +23,24 @@ class ResidualCache:
     @torch.no_grad()
     def values(self, model: SPMM) -> Tensor:
         """The residual of each hit, `[P, C]`."""
-        source = (model.residual.code, model.residual.scale, model.labels)
-        if self._kept is None or not all(map(_same_storage, self._kept[0], source)):
-            cluster = model.labels[self.texel]
-            value = model.residual.blend(cluster, self.texel_weight, self.wi, self.wo)
+        source = _source(model)
+        if self._kept is None or not _same(self._kept[0], source):
+            value = model.epsilon(self.texel, self.texel_weight, self.wi, self.wo)
             self._kept = source, value
         return self._kept[1]
 
 
-def _same_storage(a: Tensor, b: Tensor) -> bool:
-    return a.data_ptr() == b.data_ptr() and a.shape == b.shape
+def _source(model: SPMM) -> tuple[Tensor, ...]:
+    """The tensors that the residual of a model is made of."""
+    source = (model.residual.code, model.residual.scale, model.labels)
+    if model.components is None:
+        return source
+    parts = model.components
+    return (*source, parts.code, parts.scale, parts.coefficient, parts.coefficient_scale)
+
+
+def _same(one: tuple[Tensor, ...], two: tuple[Tensor, ...]) -> bool:
+    """Whether tensors share their storage, pair by pair."""
+    return len(one) == len(two) and all(
+        a.data_ptr() == b.data_ptr() and a.shape == b.shape for a, b in zip(one, two, strict=True)
+    )

@@ -10,10 +10,12 @@ from torch import Tensor
 from ...config.schema import REQUIRED, setting
 from ...errors import ConfigError
 from ...lobes.batch import LobeBatch
+from ...model.components import Components
 from ...model.residual import Residual, decode_residual, encode_residual
 from ...model.spmm import SPMM
+from ..components import mixed, scaled_components
 from ..entries import entry_texels, from_entries, scaled_entries
-from ..residual import STEPS, share_steps
+from ..residual import STEPS, WholeResidual, share_steps
 from ..selection import EVERYTHING, Selection
 
 # Directions of two models are the same where they differ by less than rounding does.
@@ -36,9 +38,10 @@ class Blend:
 def blend(first: SPMM, second: SPMM, amount: float, where: Selection = EVERYTHING) -> SPMM:
     """(1 - amount) times one model plus `amount` times another, texel by texel.
 
-    Lobes blend exactly: each texel has those of both. The residual is stored by cluster, so where
-    a share is neither 0 nor 1, each cluster of the model with the larger share gets the mean of
-    the blended residuals of its texels, as the residual itself is a mean [WDR11 §4.1].
+    Lobes and components blend exactly: each texel has those of both. The residual of clusters is
+    stored by cluster, so where a share is neither 0 nor 1, each cluster of the model with the
+    larger share gets the mean of the blended residuals of its texels, as that residual itself is a
+    mean [WDR11 §4.1].
 
     Args:
         first: the original.
@@ -61,8 +64,7 @@ def blend(first: SPMM, second: SPMM, amount: float, where: Selection = EVERYTHIN
         scaled_entries(model, part.index_select(0, entry_texels(model)), begin)
         for model, part, begin in ((first, 1.0 - share, 0), (second, share, first_lobe))
     ]
-    labels, residual = _blended_residual(first, second, share)
-    return from_entries(first, lobes, parts, labels, residual)
+    return from_entries(first, lobes, parts, **vars(_blended_residual(first, second, share)))
 
 
 def _check_pair(first: SPMM, second: SPMM) -> None:
@@ -91,11 +93,28 @@ def _joined(first: SPMM, second: SPMM) -> tuple[LobeBatch, int]:
     return lobes, len(first.lobe_model)
 
 
-def _blended_residual(first: SPMM, second: SPMM, share: Tensor) -> tuple[Tensor, Residual]:
-    """Labels `[T]` and residual of a blend with shares `[T]` of the second model."""
+def _blended_residual(first: SPMM, second: SPMM, share: Tensor) -> WholeResidual:
+    """The residual of a blend with shares `[T]` of the second model."""
+    labels, residual = _blended_clusters(first, second, share)
+    return WholeResidual(labels, residual, _blended_components(first, second, share))
+
+
+def _blended_components(first: SPMM, second: SPMM, share: Tensor) -> Components | None:
+    """The components of a blend with shares `[T]` of the second model."""
+    one, two = first.components, second.components
+    if one is not None and two is not None:
+        return mixed((one, two), (1.0 - share, share))
+    if one is not None:
+        return scaled_components(one, 0.0, share)
+    return two and scaled_components(two, 0.0, 1.0 - share)
+
+
+def _blended_clusters(first: SPMM, second: SPMM, share: Tensor) -> tuple[Tensor, Residual]:
+    """Labels `[T]` and residual of clusters of a blend with shares `[T]` of the second model."""
+    label = torch.where(share > 0.5, second.labels + first.cluster_count, first.labels)
+    if not len(first.residual.code) and not len(second.residual.code):
+        return torch.unique(label, return_inverse=True)[1], first.residual
     step = share_steps(share)
-    of_second = share > 0.5
-    label = torch.where(of_second, second.labels + first.cluster_count, first.labels)
     keys, label = torch.unique(label * (STEPS + 2) + step, return_inverse=True)
     total = first.cluster_count + second.cluster_count
     mixing = share.new_zeros(len(keys), total)  # [G, K1 + K2]
@@ -103,7 +122,14 @@ def _blended_residual(first: SPMM, second: SPMM, share: Tensor) -> tuple[Tensor,
     flat.index_add_(0, label * total + first.labels, 1.0 - share)
     flat.index_add_(0, label * total + first.cluster_count + second.labels, share)
     mixing = mixing / torch.bincount(label, minlength=len(keys))[:, None]
-    residuals = (first.residual, second.residual)
-    values = torch.cat([decode_residual(each.code, each.scale) for each in residuals])
+    values = torch.cat([_of_clusters(model) for model in (first, second)])
     blended = torch.einsum("gk,kvlc->gvlc", mixing.to(values), values)
     return label, first.residual.with_codes(*encode_residual(blended, first.residual.code.dtype))
+
+
+def _of_clusters(model: SPMM) -> Tensor:
+    """The residual of each cluster, `[K, V, L, C]`; 0 where clusters have none."""
+    residual = model.residual
+    if len(residual.code):
+        return decode_residual(residual.code, residual.scale)
+    return residual.scale.new_zeros(model.cluster_count, *residual.code.shape[1:])

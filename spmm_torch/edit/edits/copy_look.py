@@ -69,4 +69,8 @@ def rearranged(model: SPMM, origin: Tensor) -> SPMM:
     _, entry = ranges(model.offset[origin], count)
     index, weight = (each.index_select(0, entry) for each in (model.index, model.weight.detach()))
     weights = SparseWeights(offset, index, weight)
-    return with_parts(model, weights=weights, labels=model.labels[origin])
+    components = model.components
+    if components is not None:
+        components = components.with_codes(coefficient=components.coefficient.detach()[origin])
+    labels = model.labels[origin]
+    return with_parts(model, weights=weights, labels=labels, components=components)

@@ -89,9 +89,9 @@ def hue_saturation(
     share = where.entry_share(model)
     if share is not None:
         weight = torch.lerp(model.weight, weight, share[:, None])
-    labels, residual = mapped_residual(model, matrix, where)
+    whole = mapped_residual(model, matrix, where)
     weights = SparseWeights(model.offset, model.index, weight)
-    return with_parts(model, weights=weights, labels=labels, residual=residual)
+    return with_parts(model, weights=weights, **vars(whole))
 
 
 def fitted(look: Look, hue: float, saturation: float) -> Tensor:

@@ -49,9 +49,9 @@ def intensity(model: SPMM, factor: float, where: Selection = EVERYTHING) -> SPMM
     if factor == 1.0:
         return model
     weight = _scaled_weight(model.weight, factor, where.entry_share(model))
-    labels, residual = scaled_residual(model, factor, where)
+    whole = scaled_residual(model, factor, where)
     weights = SparseWeights(model.offset, model.index, weight)
-    return with_parts(model, weights=weights, labels=labels, residual=residual)
+    return with_parts(model, weights=weights, **vars(whole))
 
 
 def _scaled_weight(weight: Tensor, factor: float, share: Tensor | None) -> Tensor:

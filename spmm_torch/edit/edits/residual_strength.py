@@ -43,5 +43,5 @@ def residual_strength(model: SPMM, factor: float, where: Selection = EVERYTHING)
     check_factor("strength of the residual", factor)
     if factor == 1.0 or not where.reaches_residual:
         return model
-    labels, residual = scaled_residual(model, factor, where)
-    return with_parts(model, labels=labels, residual=residual)
+    whole = scaled_residual(model, factor, where)
+    return with_parts(model, **vars(whole))

@@ -1,0 +1,53 @@
+"""The measured pairs of directions around a query, and what each of them counts there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..geometry.hemisphere import HemisphereInterpolation
+
+# Least cosine of the lowest measured light, which cosines are divided by: it may be 0.
+LOWEST_COSINE = 1e-6
+
+
+@dataclass(frozen=True)
+class MeasuredPairs:
+    """The interpolation between V x L measured pairs, view * L + light.
+
+    Attributes:
+        light, view: meshes of the measured directions, L and V.
+        lowest_light: z of the lowest measured light, LOWEST_COSINE at least.
+    """
+
+    light: HemisphereInterpolation
+    view: HemisphereInterpolation
+    lowest_light: float
+
+    @classmethod
+    def build(cls, light: Tensor, view: Tensor) -> MeasuredPairs:
+        """The interpolation between lights `[L, 3]` and views `[V, 3]`."""
+        meshes = (HemisphereInterpolation.build(light), HemisphereInterpolation.build(view))
+        return cls(*meshes, max(float(light[:, 2].min()), LOWEST_COSINE))
+
+    def to(self, device: torch.device | str) -> MeasuredPairs:
+        """The same interpolation on another device."""
+        return MeasuredPairs(self.light.to(device), self.view.to(device), self.lowest_light)
+
+    def around(self, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+        """The nine pairs around each query, and their weights, both `[Q, 9]`.
+
+        Lights below the lowest measured one fade with their cosine; all weights are 0 where wi or
+        wo is under the horizon.
+
+        Args:
+            wi, wo: directions `[Q, 3]`.
+        """
+        light, light_weight = self.light.weights(wi)  # [Q, 3]
+        view, view_weight = self.view.weights(wo)  # [Q, 3]
+        fade = (wi[:, 2:] / self.lowest_light).clamp(0.0, 1.0) * (wo[:, 2:] > 0.0)
+        pair = view[:, :, None] * len(self.light.directions) + light[:, None, :]
+        weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]
+        return pair.flatten(1), weight.flatten(1)
