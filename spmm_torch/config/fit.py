@@ -215,18 +215,54 @@ class SelectConfig:
 
 @dataclass(frozen=True)
 class ResidualConfig:
-    """The residual function of each cluster [WDR11 §4.1]."""
+    """What the lobes leave: one function for each cluster [WDR11 §4.1], or a few for all texels."""
 
+    rank: int = setting(
+        16,
+        "number of functions that all texels share, each with one byte a texel for its share; 0: "
+        "none, as in the paper",
+        low=0,
+        high=128,
+    )
+    clusters: bool = setting(
+        False, "whether each cluster has a residual function of its own, as in the paper"
+    )
     joint: bool = setting(
         True,
-        "whether weights minimize the errors without and with the residual together; false: the "
-        "error without it, as in the paper",
+        "whether weights minimize the errors without and with the residual of the clusters "
+        "together; false: the error without it, as in the paper",
     )
     alternations: int = setting(
         3, "number of times that weights and residual are refit in turn", low=1
     )
     precision: str = setting(
         "float16", "number format of the stored residual", choices=("float16", "float32")
+    )
+
+    @property
+    def beside_lobes(self) -> bool:
+        """Whether lobes are chosen beside the residual of the clusters."""
+        return self.clusters and self.joint
+
+
+@dataclass(frozen=True)
+class RefitConfig:
+    """The last fit of weights and residual, to the pictures themselves."""
+
+    steps: int = setting(
+        40, "maximum number of steps that weights, and then the residual, are refit", low=0
+    )
+
+
+@dataclass(frozen=True)
+class StorageConfig:
+    """How the model file holds what belongs to texels."""
+
+    weights: str = setting(
+        "auto",
+        "number format of the weights: byte or int16 (both on a logarithmic scale), float32, or "
+        "auto (the first of these that costs at most 0.02 dB)",
+        choices=("auto", "byte", "int16", "float32"),
     )
 
 
@@ -243,6 +279,8 @@ class FitConfig:
     dictionary: DictionaryConfig = field(default_factory=DictionaryConfig)
     select: SelectConfig = field(default_factory=SelectConfig)
     residual: ResidualConfig = field(default_factory=ResidualConfig)
+    refit: RefitConfig = field(default_factory=RefitConfig)
+    storage: StorageConfig = field(default_factory=StorageConfig)
     auto: bool = setting(
         False,
         "whether to leave out models and lobes that are not worth their bytes on held-out "

@@ -13,7 +13,9 @@ from torch import Tensor
 
 from ..errors import DataError
 from ..geometry.directions import direction_pairs
+from ..geometry.relief import HeightField
 from .arrays import check_layout, numpy_values, opener_in_memory
+from .displaced import DisplacedStore
 from .options import ReadOptions
 from .percentile import percentile
 from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chunks
@@ -130,6 +132,21 @@ class BTF:
             ),
         )
 
+    def aligned(self, field: HeightField, drift: Tensor | None = None) -> BTF:
+        """This BTF as it would be if every view showed the same surface point in each texel.
+
+        It reads the decoded values of this BTF.
+
+        Args:
+            field: heights of the surface.
+            drift: registration of each picture, `[V, 2]` in units of u and v; None: 0.
+        """
+
+        def open_store(_part: Part, _loading: Loading) -> Store:
+            return DisplacedStore(self._loaded(), field, self.view, len(self.light), drift)
+
+        return replace(self, open_store=open_store, cosine_missing=False)
+
     @property
     def texel_count(self) -> int:
         """The number of texels, T."""
@@ -233,6 +250,12 @@ class BTF:
         first = view * light_count
         values = self._loaded().pairs(first, first + light_count)  # [T, L, C]
         return values.unflatten(0, (self.height, self.width)).permute(2, 0, 1, 3)
+
+    def views(self, start: int, stop: int) -> Tensor:
+        """Linear values `[T, n, L, C]` of n consecutive views, on the CPU."""
+        lights = len(self.light)
+        values = self._loaded().pairs(start * lights, stop * lights)
+        return values.unflatten(1, (stop - start, lights))
 
     def peak(self) -> float:
         """The peak of the PSNR: 1.0 for LDR, the exact 99.9th percentile of values for HDR."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from io import FileIO
 from pathlib import Path
@@ -43,6 +43,10 @@ class Codes(Protocol):
         """Codes `[T, stop - start, B]` of all texels under consecutive direction pairs."""
         ...
 
+    def strips(self, texel: Tensor, view: Tensor, lights: int) -> Tensor:
+        """Codes `[N, L, B]` of texels `[N]`, each under all L lights of its view `[N]`."""
+        ...
+
 
 @dataclass(frozen=True)
 class MemoryCodes:
@@ -61,6 +65,12 @@ class MemoryCodes:
     def columns(self, start: int, stop: int) -> Tensor:
         """Codes `[T, stop - start, B]`; see `Codes.columns`."""
         return self.codes[:, start:stop]
+
+    def strips(self, texel: Tensor, view: Tensor, lights: int) -> Tensor:
+        """Codes `[N, L, B]`; see `Codes.strips`."""
+        _, pairs, width = self.codes.shape
+        table = self.codes.view(-1, lights * width)  # [T V, L B]
+        return table.index_select(0, texel * (pairs // lights) + view).view(-1, lights, width)
 
 
 @dataclass(frozen=True)
@@ -101,6 +111,17 @@ class FileCodes:
             lambda stream: read_columns(stream, self._layout, texels, start * width, stop * width)
         )
         return codes.view(texels, stop - start, width)
+
+    def strips(self, texel: Tensor, view: Tensor, lights: int) -> Tensor:
+        """Codes `[N, L, B]`; see `Codes.strips`.
+
+        Raises:
+            OutputError: the file is gone or damaged.
+        """
+        _, pairs, width = self.shape
+        rows = (texel * (pairs // lights) + view).numpy()
+        layout = replace(self._layout, width=lights * width)
+        return self._read(lambda stream: read_rows(stream, layout, rows)).view(-1, lights, width)
 
     @cached_property
     def _header(self) -> tuple[tuple[int, ...], np.dtype, int]:

@@ -37,6 +37,12 @@ class Store(Protocol):
         """Values `[T, stop - start, C]` float32 of consecutive direction pairs, on the CPU."""
         ...
 
+    def strips(
+        self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str
+    ) -> Tensor:
+        """Values `[N, L, C]` float32 of texels `[N]`, each under all L lights of its view `[N]`."""
+        ...
+
 
 @dataclass(frozen=True)
 class CodeStore:
@@ -69,6 +75,12 @@ class CodeStore:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.expand(self.codes.columns(start, stop))
 
+    def strips(
+        self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
+    ) -> Tensor:
+        """Values `[N, L, C]`; see `Store.strips`."""
+        return self.expand(self.codes.strips(texel, view, lights).to(device))
+
 
 @dataclass(frozen=True)
 class CosineStore:
@@ -98,6 +110,13 @@ class CosineStore:
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.values.pairs(start, stop) * self.cosine[start:stop, None]
+
+    def strips(
+        self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
+    ) -> Tensor:
+        """Values `[N, L, C]`; see `Store.strips`."""
+        cosine = self.cosine[:lights, None].to(device)  # of the lights, the same for each view
+        return self.values.strips(texel, view, lights, device) * cosine
 
 
 @dataclass(frozen=True)

@@ -4,48 +4,35 @@ from __future__ import annotations
 
 import torch
 
-from ..data import BTF
-from ..lobes.batch import LobeBatch
+from ..model.components import Components
+from ..model.lookup import SparseWeights
 from ..model.residual import Residual
-from ..model.spmm import SPMM, SparseWeights
+from ..model.spmm import SPMM
 from .cluster import Clusters
-from .select.clusters import ClusterFit
+from .mixtures import Mixtures
+from .problem import Problem
+from .refit.stage import Refit
 
 
-def assemble(btf: BTF, clusters: Clusters, lobes: LobeBatch, fits: list[ClusterFit]) -> SPMM:
-    """The model on the CPU [WDR11 Eq. 2], without lobes that no texel uses."""
-    entries = _entries(clusters, fits)
-    used, index = torch.unique(entries.index, return_inverse=True)
-    views, lights = len(btf.view), len(btf.light)
-    residual = Residual(
-        torch.stack([fit.code.unflatten(0, (views, lights)) for fit in fits]),
-        torch.stack([fit.scale for fit in fits]),
-        btf.light,
-        btf.view,
-    )
+def assemble(problem: Problem, clusters: Clusters, found: Mixtures, refit: Refit) -> SPMM:
+    """The model on the CPU [WDR11 Eq. 2]."""
+    btf = problem.pictures
+    components = None
+    if refit.components is not None:
+        components = Components(*(part.cpu() for part in refit.components), btf.light, btf.view)
+    empty = torch.zeros(0, len(btf.view), len(btf.light), btf.channels, dtype=torch.float16)
+    code, scale = refit.clusters or (empty, torch.zeros(0))
     return SPMM(
         btf.height,
         btf.width,
-        lobes.to("cpu").detach()[used],
-        SparseWeights(entries.offset, index, entries.weight),
+        found.lobes,
+        SparseWeights(*(part.cpu() for part in vars(refit.entries).values())),
         clusters.labels,
-        residual,
+        Residual(code, scale, btf.light, btf.view),
         btf.light,
         btf.view,
         btf.name,
+        components=components,
+        relief=problem.relief,
+        weight_type=refit.weight_type,
     )
-
-
-def _entries(clusters: Clusters, fits: list[ClusterFit]) -> SparseWeights:
-    """Entries of all texels in the order of the texels, without padding."""
-    texels, index, weight = [], [], []
-    for members, fit in zip(clusters.members, fits, strict=True):
-        real = fit.index >= 0  # [n, M]
-        texels.append(members[:, None].expand(real.shape)[real])
-        index.append(fit.index[real])
-        weight.append(fit.weights[real])
-    texel = torch.cat(texels)
-    order = torch.argsort(texel, stable=True)
-    count = torch.bincount(texel, minlength=len(clusters.labels))
-    offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
-    return SparseWeights(offset, torch.cat(index)[order], torch.cat(weight)[order])

@@ -11,7 +11,6 @@ from ..config.fit import FitConfig
 from ..data import BTF
 from ..data.error_weights import Weights
 from ..evaluate import Likeness, likeness
-from ..metrics import Totals
 from ..model.spmm import SPMM
 from ..report.contract import Report
 from ..report.summary import summarize, warning_of_failed_starts
@@ -22,8 +21,11 @@ from .assemble import assemble
 from .cluster import cluster_texels, sample_texels
 from .dictionary import build_dictionary
 from .load import load
+from .mixtures import mix
 from .prune.ablation import ablate
 from .prune.auto import choose_models
+from .refit.stage import refit_pictures
+from .relief.align import align
 from .search.lobes import search_lobes
 from .select.clusters import fit_texels
 
@@ -75,14 +77,16 @@ def fit(
     config = with_lobe_limit(config or FitConfig())
     context = context or Context.build(config.device, config.seed)
     with torch.no_grad(), full_precision(), context.watch("total"):
-        problem = load(btf, config, context, weights)
+        problem = align(load(btf, config, context, weights))
         clusters = cluster_texels(problem)  # §4.1, k-means
         samples = sample_texels(problem, clusters)  # §4.1, stratified
         problem, choice = choose_models(problem, samples)
         found = search_lobes(problem, samples)  # §3.2, Eq. 5
         dictionary = build_dictionary(problem, found, len(clusters.members))  # §4.1
         fits = fit_texels(problem, clusters, dictionary)  # §3.2, stagewise Lasso; §4.1, residual
-        model = assemble(btf, clusters, dictionary.lobes, fits)  # Eq. 2
+        mixtures = mix(clusters, dictionary, fits)
+        refit = refit_pictures(problem, clusters, mixtures, fits)
+        model = assemble(problem, clusters, mixtures, refit)  # Eq. 2
         ablation = ablate(problem, clusters.labels, dictionary)
         pictures = _pictures(model, btf, context) if render else None
     if warning := warning_of_failed_starts(found.starts):
@@ -91,10 +95,10 @@ def fit(
         btf,
         model,
         context,
-        totals=Totals.sum(part.totals for part in fits),
-        weighted=_sum([part.weighted for part in fits if part.weighted is not None]),
+        totals=refit.totals,
+        weighted=refit.weighted,
         starts=found.starts,
-        solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits)),
+        solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits, refit)),
         ablation=ablation,
         auto=choice.report() if choice else None,
         mssim=pictures.mssim if pictures else None,
@@ -109,11 +113,6 @@ def _pictures(model: SPMM, btf: BTF, context: Context) -> Likeness | None:
         return None
     with context.watch("evaluate"), context.progress.stage("render"):
         return likeness(model, btf, context.device)
-
-
-def _sum(parts: list[Totals]) -> Totals | None:
-    """The sum of all parts; None if there are none."""
-    return Totals.sum(parts) if parts else None
 
 
 def with_lobe_limit(config: FitConfig) -> FitConfig:

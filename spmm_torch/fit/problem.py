@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -10,7 +10,10 @@ from torch import Tensor
 from ..config.fit import FitConfig
 from ..data import BTF
 from ..data.error_weights import Index, Weights
+from ..geometry.directions import REPEAT
+from ..geometry.relief import HeightField
 from ..lobes.grid import DirectionGrid
+from ..model.relief import Relief
 from ..runtime.context import Context
 
 
@@ -19,16 +22,37 @@ class Problem:
     """Find the mixture [WDR11 Eq. 2] of least weighted squared error on the measured values.
 
     Attributes:
-        btf: the measured values.
+        btf: the measured values, aligned so that all views show the same surface point.
         weights: of the errors, by texel and direction pair.
         config: the settings.
         context: of the run.
+        pictures: the values as they were measured; the same where the surface is flat.
+        relief: of the surface that they show; None: it is flat.
     """
 
     btf: BTF
     weights: Weights
     config: FitConfig
     context: Context
+    pictures: BTF
+    relief: Relief | None = None
+
+    @classmethod
+    def build(cls, btf: BTF, weights: Weights, config: FitConfig, context: Context) -> Problem:
+        """The problem of a flat surface."""
+        return cls(btf, weights, config, context, btf)
+
+    def through(self, relief: Relief) -> Problem:
+        """The problem of pictures that show a relief."""
+        found = replace(self, relief=relief)
+        return replace(found, btf=self.pictures.aligned(found.field(), relief.drift))
+
+    def field(self) -> HeightField:
+        """Heights of the surface that the pictures show."""
+        size = (self.pictures.height, self.pictures.width)
+        if self.relief is None:
+            return HeightField(torch.zeros(size), REPEAT, slope=1.0)
+        return self.relief.field(*size, self.pictures.view)
 
     @property
     def device(self) -> torch.device:

@@ -31,6 +31,13 @@ class SparseWeights:
     index: Tensor
     weight: Tensor
 
+    def of(self, texels: Tensor) -> SparseWeights:
+        """The entries of `texels [n]`, in their order."""
+        count = self.offset[texels + 1] - self.offset[texels]
+        _, entry = ranges(self.offset[texels], count)
+        offset = torch.cat((count.new_zeros(1), count.cumsum(0)))
+        return SparseWeights(offset, self.index[entry], self.weight[entry])
+
 
 @dataclass(frozen=True)
 class TexelBlocks:

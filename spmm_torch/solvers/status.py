@@ -45,6 +45,7 @@ class Solver(IntEnum):
     ADAM = 4
     VARPRO = 5
     KMEANS = 6
+    SPARSE_NNLS = 7
 
 
 def worst_status(converged: Tensor, no_descent: Tensor, not_finite: Tensor) -> Tensor:

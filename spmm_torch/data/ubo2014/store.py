@@ -119,6 +119,22 @@ class FactorStore:
         shape = (len(self._texels), stop - start, CHANNELS)
         return self._expand(self._texels, start, torch.empty(shape))
 
+    def strips(
+        self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
+    ) -> Tensor:
+        """Linear values `[N, L, C]` of texels `[N]`, each under all lights of its view `[N]`.
+
+        Raises:
+            DataError: as for `texels`.
+        """
+        values = torch.empty((len(texel), lights, CHANNELS), device=device)
+        for each in torch.unique(view).tolist():  # the pairs of one view are multiplied at once
+            where = torch.nonzero(view == each).squeeze(1)
+            part = torch.empty((len(where), lights, CHANNELS), device=device)
+            texels = self._texels[texel.cpu()[where]]
+            values[where.to(device)] = self._expand(texels, each * lights, part)
+        return values
+
     def _expand(self, texels: Tensor, start: int, values: Tensor) -> Tensor:
         """Fills `values [n, D', C]` of `texels [n]` of the file under the pairs from `start` on."""
         left = self._left_factors(values.device)

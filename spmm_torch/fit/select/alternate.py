@@ -98,7 +98,7 @@ class ClusterProblem:
             start: found by the pilot; None: found by a fit of the lobes alone.
         """
         products = self.products
-        if not self.config.residual.joint:
+        if not self.config.residual.beside_lobes:
             return self._alone()
         solvers = StatusCounts.none()
         if start is None:

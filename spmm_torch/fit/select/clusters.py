@@ -236,7 +236,7 @@ def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weight
         blocks,
         (len(texels), channels),
         atoms,
-        points=stage.points[texels] if problem.config.residual.joint else None,
+        points=stage.points[texels] if problem.config.residual.beside_lobes else None,
         in_memory=size <= stage.spare,
         ranks=problem.context.ranks,
         importance=weights.of_texels(texels, atoms.device),

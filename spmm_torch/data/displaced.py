@@ -1,0 +1,85 @@
+"""A BTF whose pictures are shifted texel by texel, so that every view shows the same surface point.
+
+A view wo shows the surface point over x at p = x - h(x) s, with s = wo_xy / wo_z. The values of a
+texel are those that the pictures have there, interpolated bilinearly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ..geometry.directions import texel_at
+from ..geometry.relief import HeightField, texel_centres
+from .codes import Index, positions
+from .store import Store
+
+
+@dataclass(frozen=True)
+class DisplacedStore:
+    """The values of another store, read where each view shows the point of the surface.
+
+    Attributes:
+        values: the other store.
+        field: heights of the surface.
+        view: measured views, `[V, 3]`.
+        lights: number of lights, L.
+        drift: registration of each picture, `[V, 2]` in units of u and v; None: 0.
+    """
+
+    values: Store
+    field: HeightField
+    view: Tensor
+    lights: int
+    drift: Tensor | None = None
+
+    @property
+    def is_hdr(self) -> bool:
+        """Whether a value of the other store may exceed 1."""
+        return self.values.is_hdr
+
+    def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        """Values `[n, D, C]`; see `Store.texels`."""
+        texel, weight = self._lookups(self._rows(index))  # [n, V, 4]
+        views = torch.arange(len(self.view)).expand(texel.shape[:2]).flatten()
+        total = torch.zeros((), device=device)
+        for corner in range(4):
+            part = self.values.strips(texel[..., corner].flatten(), views, self.lights, device)
+            part = part.view(*texel.shape[:2], *part.shape[1:])  # [n, V, L, C]
+            part *= weight[..., corner, None, None].to(device)
+            total = part.add_(total)
+        return total.flatten(1, 2)
+
+    def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
+        """Values `[n, C, D]`; see `Store.signals`."""
+        return self.texels(index, device).transpose(1, 2).contiguous()
+
+    def pairs(self, start: int, stop: int) -> Tensor:
+        """Values `[T, stop - start, C]`; see `Store.pairs`."""
+        return self.texels(None)[:, start:stop]
+
+    def strips(
+        self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str
+    ) -> Tensor:
+        """Values `[N, L, C]`; see `Store.strips`."""
+        values = self.texels(texel, device).unflatten(1, (-1, lights))
+        return values[torch.arange(len(texel)), view.to(values.device)]
+
+    def _rows(self, index: Index) -> Tensor:
+        """Texels `[n]` of an index."""
+        every = torch.arange(self.field.height.numel())
+        if index is None:
+            return every
+        return every[index] if isinstance(index, slice) else positions(index)
+
+    def _lookups(self, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """Four texels and their weights, `[n, V, 4]`, where the views show texels `rows [n]`."""
+        height, width = self.field.height.shape
+        shift = self.field.shift(self.view) * self.view.new_tensor((1.0, width / height))  # [V, 2]
+        at = texel_centres(height, width, self.view)[rows, None]
+        at = at - self.field.height.flatten()[rows, None, None] * shift
+        if self.drift is not None:
+            at = at - self.drift
+        return texel_at(at, height, width, self.field.rule)

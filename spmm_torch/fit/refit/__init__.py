@@ -1,0 +1,1 @@
+"""Weights and residual fit to the pictures themselves, through the relief, in Gram form."""

@@ -1,0 +1,118 @@
+"""The residual function of each cluster, fit to the pictures through the relief [WDR11 §4.1].
+
+Pixel p of view v sees sum_k P_v[p, k] F_k(v, .), where P_v sums what it sees of the texels of a
+cluster. The best F of each pair solves K normal equations. Where the surface is flat, that is the
+mean error of the texels of each cluster.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+from torch.nn.functional import one_hot
+
+from ...data import BTF
+from ...model.lookup import SparseWeights
+from ...runtime.ranks import Ranks
+from .lookups import Lookups
+
+# Ridge relative to the mean diagonal: no pixel may see a cluster at grazing views.
+RIDGE = 1e-6
+
+
+@dataclass(frozen=True)
+class LeftOver:
+    """What lobes and components leave of the pictures, as seen by the clusters.
+
+    Attributes:
+        products: P_v^T E_v, `[V, K, L, C]`.
+        gram: P_v^T P_v, `[V, K, K]`.
+        energy: sum of E^2 over pixels, `[V, L, C]` float64.
+    """
+
+    products: Tensor
+    gram: Tensor
+    energy: Tensor
+
+    def functions(self) -> Tensor:
+        """The functions of least error, `[K, V, L, C]`."""
+        mean = self.gram.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
+        size = self.gram.shape[1]
+        ridge = RIDGE * mean.clamp(min=torch.finfo(mean.dtype).tiny) * torch.eye(size).to(mean)
+        found = torch.linalg.solve((self.gram + ridge).double(), self.products.flatten(2).double())
+        return found.to(self.products).view_as(self.products).transpose(0, 1)
+
+    def error(self, functions: Tensor, scale: Tensor | None) -> float:
+        """Squared error that functions `[K, V, L, C]` leave, pairs by `scale [D]`^2."""
+        own = functions.transpose(0, 1).flatten(2)  # [V, K, L C]
+        change = (own * (self.gram @ own - 2.0 * self.products.flatten(2))).double().sum(1)
+        left = self.energy + change.view_as(self.energy)  # [V, L, C]
+        if scale is not None:
+            left = left * scale.double().square().view(*left.shape[:2], 1)
+        return max(float(left.sum()), 0.0)
+
+
+def left_over(
+    pictures: BTF,
+    lookups: Lookups,
+    entries: SparseWeights,
+    rho: Tensor,
+    labels: Tensor,
+    ranks: Ranks,
+    advance: Callable[[int], object],
+    *,
+    components: tuple[Tensor, Tensor] | None = None,
+) -> LeftOver:
+    """Reads all pictures once more; every rank has a part of the views.
+
+    Args:
+        pictures: as they were measured.
+        lookups: what each pixel shows, with the weights of pixels.
+        entries: fit of all texels.
+        rho: values of the lobes without weights, `[V, J, L]`.
+        labels: clusters of the texels, `[T]`.
+        ranks: processes among which the views are divided.
+        advance: called with the number of views done.
+        components: functions `[V, R, L, C]` and coefficients `[T, R]`; None: none.
+    """
+    device, shape = rho.device, (len(pictures.light), pictures.channels)
+    member = one_hot(labels.to(device)).float()  # [T, K]
+    views, clusters = lookups.views, member.shape[1]
+    products = torch.zeros(views, clusters, *shape, device=device)
+    gram = torch.zeros(views, clusters, clusters, device=device)
+    energy = torch.zeros(views, *shape, dtype=torch.float64, device=device)
+    for view in ranks.share(torch.arange(views)).tolist():
+        value = lobe_values(entries, rho[view])  # [T, L, C]
+        if components is not None:
+            functions, coefficient = components
+            value += torch.einsum("tr,rlc->tlc", coefficient, functions[view])
+        picture = pictures.views(view, view + 1)[:, 0].to(device)
+        if lookups.pixel is not None:
+            picture = picture * lookups.pixel[view][:, None, None]
+        drawn = lookups.drawn(view)
+        left = picture.flatten(1) - drawn @ value.flatten(1)
+        seen = drawn @ member  # [T, K]
+        products[view] = (seen.T @ left).view(-1, *shape)
+        gram[view] = seen.T @ seen
+        energy[view] = left.double().square().sum(0).view(shape)
+        advance(ranks.size)
+    return LeftOver(ranks.sum(products), ranks.sum(gram), ranks.sum(energy))
+
+
+def lobe_values(entries: SparseWeights, rho: Tensor) -> Tensor:
+    """Values `[T, L, C]` of the lobes of all texels, given `rho [J, L]` of one view."""
+    planes = [
+        torch.sparse_csr_tensor(
+            entries.offset,
+            entries.index,
+            weight.contiguous(),
+            (len(entries.offset) - 1, len(rho)),
+            check_invariants=False,
+        )
+        @ rho
+        for weight in entries.weight.T
+    ]
+    return torch.stack(planes, dim=-1)

@@ -1,0 +1,122 @@
+"""Non-negative least squares with one large sparse Gram matrix, by projected conjugate gradients.
+
+Steps are conjugate as long as the same weights are free [Pol69]; where the set changes, or a
+step meets the bound and lowers the value less than it should, the next one is steepest descent.
+
+References:
+    [Pol69] Boris T. Polyak, The Conjugate Gradient Method in Extremal Problems, USSR Computational
+        Mathematics and Mathematical Physics 9(4), 1969.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .status import STATUS_DTYPE, Status
+
+# A step that does not lower the value is tried again with this fraction of its length.
+BACKTRACK = 0.25
+# Shortest fraction of a step that is tried: below it the weights are as good as they get.
+SHORTEST = 1e-4
+
+
+@dataclass(frozen=True)
+class SparseNNLSResult:
+    """The solution of C problems.
+
+    Attributes:
+        weights: `[N, C]`, not negative.
+        gradient: G x - b, `[N, C]`.
+        status: `[C]` int8.
+    """
+
+    weights: Tensor
+    gradient: Tensor
+    status: Tensor
+
+
+def sparse_nnls(
+    gram: Tensor,
+    diagonal: Tensor,
+    rhs: Tensor,
+    start: Tensor,
+    *,
+    steps: int,
+    tolerance: float,
+) -> SparseNNLSResult:
+    """Minimizes 1/2 x^T G x - b^T x over x >= 0 for C right sides b at once.
+
+    Args:
+        gram: G, sparse CSR `[N, N]`, symmetric and positive semi-definite.
+        diagonal: that of G, `[N]`.
+        rhs: b, `[N, C]`.
+        start: first x, `[N, C]`, not negative.
+        steps: most products with G that steps may take.
+        tolerance: largest `violation` of a converged problem.
+
+    Returns:
+        Weights that are never worse than the start.
+    """
+    inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]  # [N, 1]
+    x, gradient = start, gram @ start - rhs
+    value = _value(x, gradient, rhs)  # [C]
+    length = torch.ones_like(x[0])
+    step, last, free = torch.zeros_like(x), gradient, torch.zeros_like(x).bool()
+    squared = torch.zeros_like(x[0])  # length of the last gradient in the metric 1 / diagonal
+    open_ = violation(x, gradient, rhs, inverse) > tolerance  # [C]
+    for _ in range(steps):
+        if not bool(open_.any()):
+            break
+        now = (x > 0.0) | (gradient < 0.0)
+        descent = -inverse * gradient * now
+        same = (now == free).all(0) & (length == 1.0)
+        share = _ratio((descent * (last - gradient)).sum(0), squared).clamp(min=0.0) * same
+        step = descent + share * step
+        step = torch.where((step * gradient).sum(0) < 0.0, step, descent)
+        last, free, squared = gradient, now, -(descent * gradient).sum(0)
+        along = gram @ step
+        reach = _ratio(-(step * gradient).sum(0), (step * along).sum(0)) * length * open_
+        free_end = x + reach * step
+        moved, changed = free_end.clamp(min=0.0), gradient + reach * along
+        bounded = (free_end < 0.0).any(0)
+        if bool(bounded.any()):
+            changed = torch.where(bounded, gram @ moved - rhs, changed)
+        found = _value(moved, changed, rhs)
+        better = found <= value
+        x, gradient = torch.where(better, moved, x), torch.where(better, changed, gradient)
+        value = torch.where(better, found, value)
+        length = torch.where(better, torch.ones_like(length), length * BACKTRACK)
+        open_ = (violation(x, gradient, rhs, inverse) > tolerance) & (length > SHORTEST)
+    left = violation(x, gradient, rhs, inverse) > tolerance
+    status = torch.where(left, Status.LIMIT, Status.CONVERGED).to(STATUS_DTYPE)
+    finite = value.isfinite()
+    return SparseNNLSResult(x, gradient, status.masked_fill(~finite, Status.NOT_FINITE))
+
+
+def violation(x: Tensor, gradient: Tensor, rhs: Tensor, inverse: Tensor) -> Tensor:
+    """Largest violation of the optimality conditions of each problem, `[C]`.
+
+    With unit atoms the conditions are min(x, G x - b) = 0; the value is relative to the largest b.
+
+    Args:
+        x, gradient, rhs: `[N, C]`.
+        inverse: of the diagonal of G, `[N, 1]`.
+    """
+    if not len(x):
+        return x.sum(0)
+    root = inverse.sqrt()
+    least = torch.where(inverse > 0.0, torch.minimum(x / root, root * gradient), 0.0)
+    return least.abs().amax(0) / (rhs * root).abs().amax(0).clamp(min=torch.finfo(x.dtype).tiny)
+
+
+def _value(x: Tensor, gradient: Tensor, rhs: Tensor) -> Tensor:
+    """1/2 x^T G x - b^T x, `[C]` float64, given `gradient` G x - b."""
+    return 0.5 * (x.double() * (gradient - rhs).double()).sum(0)
+
+
+def _ratio(top: Tensor, bottom: Tensor) -> Tensor:
+    """top / bottom `[C]`; 0 where bottom is not positive."""
+    return torch.where(bottom > 0.0, top / bottom.clamp(min=torch.finfo(bottom.dtype).tiny), 0.0)
