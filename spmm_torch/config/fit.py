@@ -231,6 +231,18 @@ class ResidualConfig:
 
 
 @dataclass(frozen=True)
+class StorageConfig:
+    """How the model file holds what belongs to texels."""
+
+    weights: str = setting(
+        "auto",
+        "number format of the weights: byte or int16 (both on a logarithmic scale), float32, or "
+        "auto (the first of these that costs at most 0.02 dB)",
+        choices=("auto", "byte", "int16", "float32"),
+    )
+
+
+@dataclass(frozen=True)
 class FitConfig:
     """All settings of a fit; the defaults are `configs/default.yaml`."""
 
@@ -243,6 +255,7 @@ class FitConfig:
     dictionary: DictionaryConfig = field(default_factory=DictionaryConfig)
     select: SelectConfig = field(default_factory=SelectConfig)
     residual: ResidualConfig = field(default_factory=ResidualConfig)
+    storage: StorageConfig = field(default_factory=StorageConfig)
     auto: bool = setting(
         False,
         "whether to leave out models and lobes that are not worth their bytes on held-out "

@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import torch
 
+from ..config.fit import StorageConfig
 from ..data import BTF
-from ..lobes.batch import LobeBatch
 from ..model.residual import Residual
 from ..model.spmm import SPMM, SparseWeights
+from ..model.stored_weights import rounded
 from .cluster import Clusters
+from .dictionary import Dictionary
 from .select.clusters import ClusterFit
+from .storage import weight_type
 
 
-def assemble(btf: BTF, clusters: Clusters, lobes: LobeBatch, fits: list[ClusterFit]) -> SPMM:
-    """The model on the CPU [WDR11 Eq. 2], without lobes that no texel uses."""
+def assemble(
+    btf: BTF,
+    clusters: Clusters,
+    dictionary: Dictionary,
+    fits: list[ClusterFit],
+    storage: StorageConfig,
+) -> SPMM:
+    """The model on the CPU [WDR11 Eq. 2], without lobes that no texel uses.
+
+    Its weights are those that its file holds.
+    """
     entries = _entries(clusters, fits)
+    kind = weight_type(storage, entries, dictionary, fits)
     used, index = torch.unique(entries.index, return_inverse=True)
     views, lights = len(btf.view), len(btf.light)
     residual = Residual(
@@ -26,13 +39,14 @@ def assemble(btf: BTF, clusters: Clusters, lobes: LobeBatch, fits: list[ClusterF
     return SPMM(
         btf.height,
         btf.width,
-        lobes.to("cpu").detach()[used],
-        SparseWeights(entries.offset, index, entries.weight),
+        dictionary.lobes.to("cpu").detach()[used],
+        rounded(SparseWeights(entries.offset, index, entries.weight), kind),
         clusters.labels,
         residual,
         btf.light,
         btf.view,
         btf.name,
+        weight_type=kind,
     )
 
 

@@ -82,7 +82,7 @@ def fit(
         found = search_lobes(problem, samples)  # §3.2, Eq. 5
         dictionary = build_dictionary(problem, found, len(clusters.members))  # §4.1
         fits = fit_texels(problem, clusters, dictionary)  # §3.2, stagewise Lasso; §4.1, residual
-        model = assemble(btf, clusters, dictionary.lobes, fits)  # Eq. 2
+        model = assemble(btf, clusters, dictionary, fits, config.storage)  # Eq. 2
         ablation = ablate(problem, clusters.labels, dictionary)
         pictures = _pictures(model, btf, context) if render else None
     if warning := warning_of_failed_starts(found.starts):
