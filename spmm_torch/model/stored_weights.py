@@ -14,7 +14,8 @@ from torch import Tensor
 from ..runtime import tensor_file
 from .lookup import SparseWeights
 
-# Number formats of weights by their names; integers stand for places on a logarithmic scale.
+# Number formats of weights by their names, the smallest first; integers are places on a
+# logarithmic scale.
 WEIGHT_TYPES = {"byte": torch.uint8, "int16": torch.int16, "float32": torch.float32}
 # Least weight that has a place of its own, as a share of the largest of its channel.
 LEAST_SHARE = {torch.uint8: 1e-5, torch.int16: 1e-9}
@@ -86,6 +87,7 @@ def is_coded(dtype: torch.dtype) -> bool:
     return dtype != torch.float32
 
 
+@torch.no_grad()
 def rounding_energy(weights: SparseWeights, dtype: torch.dtype, energy: Tensor) -> float:
     """Squared error over all texels, pairs and channels that a number format adds to a model.
 

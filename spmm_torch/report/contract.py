@@ -97,6 +97,7 @@ class Report:
         total_basis: lobes of the dictionary, J.
         mean_basis_per_texel: lobes of a texel.
         bytes: of the model.
+        bytes_per_texel: of the model without what all texels share.
         raw_bytes: of the input at its own bit depth.
         compression_ratio: raw bytes over those of the model.
         psnr_peak: peak value of the PSNR.
@@ -123,6 +124,7 @@ class Report:
     total_basis: int
     mean_basis_per_texel: float
     bytes: Sizes
+    bytes_per_texel: float
     raw_bytes: int
     compression_ratio: float
     psnr_peak: float

@@ -38,6 +38,7 @@ def edited_report(report: Report, model: SPMM) -> Report:
         total_basis=len(model.lobe_model),
         mean_basis_per_texel=len(model.index) / model.texel_count,
         bytes=sizes,
+        bytes_per_texel=model.bytes_per_texel(),
         compression_ratio=report.raw_bytes / sizes.total,
         lobes_by_model=model.lobe_use_by_model(),
     )

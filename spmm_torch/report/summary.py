@@ -62,6 +62,7 @@ def summarize(
         total_basis=len(model.dictionary),
         mean_basis_per_texel=len(model.index) / btf.texel_count,
         bytes=sizes,
+        bytes_per_texel=model.bytes_per_texel(),
         raw_bytes=btf.raw_bytes,
         compression_ratio=btf.raw_bytes / sizes.total,
         psnr_peak=peak,

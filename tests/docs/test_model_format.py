@@ -15,11 +15,15 @@ import torch
 
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
+from spmm_torch.edit.parts import with_parts
 from spmm_torch.geometry.directions import direction_from_angles
+from spmm_torch.lobes.batch import LobeBatch
+from spmm_torch.model.lookup import SparseWeights
+from spmm_torch.model.stored_weights import GROUP, rounded
 from tests.brdf.numpy_twins import twin_of
 from tests.docs.markdown import blocks, table
 from tests.locations import DOCS
-from tests.planted.models import planted_model
+from tests.planted.models import planted_model, with_components
 
 PAGE = DOCS / "model_format.md"
 QUERIES = 400
@@ -57,9 +61,31 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture(params=["planted", "fitted"])
-def file(request: pytest.FixtureRequest, planted: Path, run: Path) -> Path:
-    return planted if request.param == "planted" else run / "model.safetensors"
+def version_2(planted: SPMM, weight_type: torch.dtype, beside: bool) -> SPMM:
+    """The model with components, weights on a logarithmic scale, and lobes in groups."""
+    copies = 1 + 256 // len(planted.dictionary)
+    generator = torch.Generator().manual_seed(0)
+    copy = torch.randint(copies, (len(planted.index),), generator=generator)
+    weights = SparseWeights(
+        planted.offset,
+        planted.index + len(planted.dictionary) * copy,
+        planted.weight.detach() * 10.0 ** -(3.0 * torch.rand(len(copy), 1, generator=generator)),
+    )
+    lobes = LobeBatch.cat([planted.dictionary.detach()] * copies)
+    model = with_parts(planted, lobes=lobes, weights=rounded(weights, weight_type))
+    model.weight_type = weight_type
+    return with_components(model, beside=beside)
+
+
+@pytest.fixture(params=["planted", "fitted", "components", "components beside clusters"])
+def file(request: pytest.FixtureRequest, planted: Path, run: Path, tmp_path: Path) -> Path:
+    if request.param in ("planted", "fitted"):
+        return planted if request.param == "planted" else run / "model.safetensors"
+    beside = "beside" in request.param
+    kind = torch.int16 if beside else torch.uint8
+    path = tmp_path / "model.safetensors"
+    path.write_bytes(version_2(SPMM.load(planted), kind, beside).pack())
+    return path
 
 
 def queries(model: SPMM) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -114,10 +140,10 @@ def test_stored_values_come_back_at_measured_pairs(reader: dict[str, Any], plant
 def test_the_reader_refuses_other_versions(
     reader: dict[str, Any], planted: Path, tmp_path: Path
 ) -> None:
-    content = planted.read_bytes().replace(b'"version":"1"', b'"version":"2"')
+    content = planted.read_bytes().replace(b'"version":"1"', b'"version":"3"')
     other = tmp_path / "other.safetensors"
     other.write_bytes(content)
-    with pytest.raises(ValueError, match="version 1"):
+    with pytest.raises(ValueError, match="version 1 or 2"):
         reader["read"](other)
 
 
@@ -136,7 +162,7 @@ def test_the_table_names_all_tensors(file: Path) -> None:
               for name in code_spans(row[0])}  # fmt: skip
     stored = header(file)
     metadata = stored.pop("__metadata__")
-    assert set(stored) == set(listed)
+    assert set(stored) <= set(listed)
     model = SPMM.load(file)
     sizes = {
         "T": model.texel_count,
@@ -144,17 +170,35 @@ def test_the_table_names_all_tensors(file: Path) -> None:
         "C": model.weight.shape[1],
         "J": len(model.lobe_model),
         "P": model.kappa.shape[1],
-        "K": model.cluster_count,
+        "K": len(model.residual.code),
+        "R": model.components.rank if model.components else 0,
+        "G": -(-len(model.lobe_model) // GROUP),
         "V": len(model.view),
         "L": len(model.light),
+        "2": 2,
         "3": 3,
     }
     for name, entry in stored.items():
         _, kind, shape, _ = listed[name]
         assert entry["dtype"] in (INDEX if kind == "index" else kind.split(" or ")), name
-        assert entry["shape"] == [sizes[letter] for letter in shape.split(", ")], name
+        shapes = [[sizes[letter] for letter in each.split(", ")] for each in shape.split(" or ")]
+        assert entry["shape"] in shapes, name
     keys = [key for row in table(PAGE, "key", "value") for key in code_spans(row[0])]
     assert sorted(keys) == sorted(metadata)
+
+
+def test_every_tensor_of_the_table_is_in_some_file(planted: Path) -> None:
+    listed = {
+        name
+        for row in table(PAGE, "tensor", "type", "shape", "content")
+        for name in code_spans(row[0])
+    }
+    model = SPMM.load(planted)
+    models = (model, version_2(model, torch.uint8, beside=True))
+    found = [each.to_tensors() for each in models]
+    assert set().union(*(tensors for tensors, _ in found)) == listed
+    assert found[1][0]["weights.count"].dim() == 2
+    assert [metadata.get("version", "1") for _, metadata in found] == ["1", "2"]
 
 
 def test_the_file_is_plain_safetensors(planted: Path) -> None:

@@ -11,14 +11,22 @@ from spmm_torch.evaluate.angles import by_angle, rings
 from spmm_torch.evaluate.sums import squared_errors
 from spmm_torch.geometry.directions import direction_pairs, hemisphere_spiral, ring_directions
 from tests.planted.btfs import COARSE_RINGS, rough_btf
-from tests.planted.models import planted_model
+from tests.planted.models import planted_model, with_components
 
 SIZE = 5
 
 
+def models() -> dict[str, SPMM]:
+    """With a residual of clusters, of rank R, and of both."""
+    clusters = planted_model(SIZE, rings=COARSE_RINGS, residual=0.05, seed=1)
+    rank, both = (with_components(clusters, beside=beside) for beside in (False, True))
+    return {"clusters": clusters, "components": rank, "both": both}
+
+
 @pytest.mark.parametrize("block", [1 << 23, 3 * 400 * 2])
-def test_sums_are_those_of_pictures(block: int) -> None:
-    model, btf = planted_model(SIZE, rings=COARSE_RINGS, residual=0.05, seed=1), rough_btf(SIZE)
+@pytest.mark.parametrize("kind", ["clusters", "components", "both"])
+def test_sums_are_those_of_pictures(block: int, kind: str) -> None:
+    model, btf = models()[kind], rough_btf(SIZE)
     fitted = torch.rand(btf.pair_count, generator=torch.Generator().manual_seed(0)) < 0.7
     told: list[int] = []
     found = squared_errors(model, btf, fitted, told.append, block)

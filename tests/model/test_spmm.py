@@ -15,7 +15,7 @@ from spmm_torch.geometry.directions import direction_from_angles, ring_direction
 from spmm_torch.model import spmm as model_module
 from spmm_torch.runtime import tensor_file
 from tests.planted.directions import random_directions
-from tests.planted.models import uneven_model
+from tests.planted.models import uneven_model, with_components
 
 HEIGHT, WIDTH, CLUSTERS, NAME = 3, 4, 2, "wool · felt"
 LIGHT = ring_directions(((0.0, 1), (35.0, 6), (70.0, 10)))
@@ -28,9 +28,13 @@ def build(counts: tuple[int, ...] = COUNTS, precision: torch.dtype = torch.float
     return uneven_model(counts, HEIGHT, LIGHT, VIEW, CLUSTERS, precision=precision, name=NAME)
 
 
-@pytest.fixture
-def model() -> SPMM:
-    return build()
+@pytest.fixture(params=["clusters", "components", "both"])
+def model(request: pytest.FixtureRequest) -> SPMM:
+    """With a residual of clusters, of rank R, or of both."""
+    built = build()
+    if request.param == "clusters":
+        return built
+    return with_components(built, beside=request.param == "both")
 
 
 def centre(texel: int) -> Tensor:
@@ -54,6 +58,8 @@ def direct(model: SPMM, texel: int, wi: Tensor, wo: Tensor, residual: bool = Tru
         total = total + lobe.eval(wi[None], wo[None])[0][:, None] * model.weight[entry]
     if residual:
         total = total + model.residual(model.labels[texel].expand(len(wi)), wi, wo)
+        if model.components is not None:
+            total = total + model.components(torch.tensor(texel), wi, wo)
     return total
 
 
@@ -197,7 +203,11 @@ def test_byte_counts_are_those_of_the_file(model: SPMM) -> None:
     assert counts["total"] == len(model.pack())
     parts = sum(counts[name] for name in ("weights", "dictionary", "residual"))
     assert 0 < parts < counts["total"]
-    assert counts["residual"] == CLUSTERS * (len(VIEW) * len(LIGHT) * 3 * 2 + 4)
+    function = len(VIEW) * len(LIGHT) * 3
+    expected = len(model.residual.code) * (2 * function + 4)
+    if model.components is not None:
+        expected += model.components.rank * (function + 4 * len(VIEW) + HEIGHT * WIDTH + 4)
+    assert counts["residual"] == expected
 
 
 def test_files_with_parts_missing(tmp_path: Path, model: SPMM) -> None:
@@ -209,6 +219,19 @@ def test_files_with_parts_missing(tmp_path: Path, model: SPMM) -> None:
         path.write_bytes(content)
         with pytest.raises(OutputError, match=r"x.safetensors lacks a part"):
             SPMM.load(path)
+
+
+def test_a_file_of_version_1_is_read_and_stays_as_it_is() -> None:
+    """Written by a program that knew no other version; values are those that it gave."""
+    old = Path(__file__).parent / "version_1.safetensors"
+    model = SPMM.load(old)
+    assert (model.components, model.weight_type) == (None, torch.float32)
+    assert model.pack() == old.read_bytes()
+    picture = model.picture(model.light[2], model.view[5])
+    torch.testing.assert_close(picture.mean(), torch.tensor(0.2878566), rtol=1e-5, atol=0.0)
+    wi, wo = torch.tensor([0.36, 0.48, 0.8]), torch.tensor([-0.6, 0.0, 0.8])
+    expected = torch.tensor([0.3479057, 0.1607914, 0.0991609])
+    torch.testing.assert_close(model(torch.tensor([0.3, 0.6]), wi, wo), expected, rtol=1e-4, atol=0)
 
 
 @pytest.mark.gpu
@@ -240,6 +263,22 @@ def test_samples_estimate_what_the_model_reflects(model: SPMM) -> None:
         values = 2.0 * math.pi * model(uv, uniform, wo)
         error = (spread.square() + values.var(0) / len(values)).sqrt()
         assert ((estimate - values.mean(0)).abs() < 4.5 * error).all()
+
+
+def test_the_density_integrates_to_one(model: SPMM) -> None:
+    """Over cells of equal solid angle, at texels with and without lobes and between them."""
+    steps = (torch.arange(256) + 0.5) / 256
+    cosine, turn = torch.meshgrid(steps, steps, indexing="ij")
+    wi = direction_from_angles(torch.arccos(cosine), 2.0 * math.pi * turn).flatten(0, 1)
+    wo = direction_from_angles(torch.tensor(0.6), torch.tensor(1.0))
+    for uv in (centre(2), centre(5), torch.tensor([0.43, 0.61])):
+        assert float(2.0 * math.pi * model.pdf(uv, wi, wo).mean()) == pytest.approx(1.0, abs=0.01)
+
+
+def test_the_cosine_lobe_is_likelier_the_larger_the_residual() -> None:
+    small, large = (with_components(build(), size=size).sampling_data() for size in (0.01, 1.0))
+    assert bool((large.group <= small.group).all())
+    assert bool((large.group < small.group).any())
 
 
 def directions_on_hemisphere(count: int, generator: torch.Generator) -> Tensor:

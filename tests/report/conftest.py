@@ -56,6 +56,7 @@ def report() -> dict[str, Any]:
         "total_basis": len(NAMES),
         "mean_basis_per_texel": 4.8,
         "bytes": {"weights": 1800, "dictionary": 700, "residual": 21660, "total": 24500},
+        "bytes_per_texel": 64.0,
         "raw_bytes": 151_620,
         "compression_ratio": 151_620 / 24_500,
         "psnr_peak": 1.0,

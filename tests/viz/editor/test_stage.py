@@ -31,14 +31,18 @@ from spmm_torch.viz.editor.lobe_cache import Stopped
 from spmm_torch.viz.editor.preview import Preview, selection_codes
 from spmm_torch.viz.editor.stage import HALF_WIDTH, SHAPES, Setting, Stage, first_setting
 from spmm_torch.viz.palette import PAGE
-from tests.planted.models import planted_model
+from tests.planted.models import planted_model, with_components
 
 SETTING = Setting(light=(40.0, 30.0), view=(20.0, -50.0))
 
 
-@pytest.fixture
-def model() -> SPMM:
-    return planted_model(size=16, residual=0.02).requires_grad_(False)
+@pytest.fixture(params=["clusters", "components"])
+def model(request: pytest.FixtureRequest) -> SPMM:
+    """With a residual of clusters, or of rank R."""
+    planted = planted_model(size=16, residual=0.02)
+    if request.param == "components":
+        planted = with_components(planted, size=0.02)
+    return planted.requires_grad_(False)
 
 
 def masked(model: SPMM) -> SPMM:
