@@ -5,6 +5,7 @@ from __future__ import annotations
 from torch import Tensor
 
 from ..lobes.batch import LobeBatch
+from ..model.relief import Relief
 from ..model.residual import Residual
 from ..model.spmm import SPMM, SparseWeights
 
@@ -16,6 +17,7 @@ def with_parts(
     weights: SparseWeights | None = None,
     labels: Tensor | None = None,
     residual: Residual | None = None,
+    relief: Relief | None = None,
 ) -> SPMM:
     """A model with the given parts, which shares the tensors of all others with `model`.
 
@@ -25,6 +27,7 @@ def with_parts(
         weights: entries of all texels.
         labels: cluster of each texel, `[T]`.
         residual: epsilon of each cluster.
+        relief: heights of the surface.
     """
     return SPMM(
         model.height,
@@ -36,4 +39,5 @@ def with_parts(
         model.light,
         model.view,
         model.name,
+        relief=relief or model.relief,
     )

@@ -123,17 +123,18 @@ class HeightField:
 
         One Newton step, whose value is left out: the walk is exact already.
         """
-        rows, columns = self.height.shape
-        index, weight = texel_at(uv + t[..., None] * shift, rows, columns, self.rule)
-        corner = self.height.flatten()[index]  # [..., 4]
-        height = (corner * weight).sum(-1)
-        with torch.no_grad():
-            right, below = weight[..., 1] + weight[..., 3], weight[..., 2] + weight[..., 3]
-            a, b, c, d = corner.unbind(-1)
-            along = torch.lerp(b - a, d - c, below) * shift[..., 0] * columns
-            along = along - torch.lerp(c - a, d - b, right) * shift[..., 1] * rows
-            crossing = (1.0 - along).clamp(min=LEAST_CROSSING)
+        at = t.detach().requires_grad_()
+        along = self._at(uv.detach() + at[..., None] * shift.detach())
+        (slope,) = torch.autograd.grad(along.sum(), at)
+        height = self._at(uv + t[..., None] * shift)
+        crossing = (1.0 - slope).clamp(min=LEAST_CROSSING)
         return t + (height - height.detach()) / crossing
+
+    def _at(self, uv: Tensor) -> Tensor:
+        """The height `[...]` at uv `[..., 2]`."""
+        rows, columns = self.height.shape
+        index, weight = texel_at(uv, rows, columns, self.rule)
+        return (self.height.flatten()[index] * weight).sum(-1)
 
 
 def texel_centres(rows: int, columns: int, like: Tensor) -> Tensor:

@@ -14,11 +14,14 @@ from torch import Tensor
 from ..lobes.batch import LobeBatch
 from ..runtime import tensor_file
 from .lookup import SparseWeights
+from .relief import Relief
 from .residual import Residual
 from .stored_models import loaded_kappa, loaded_models, stored_kappa, stored_names
 
 Tensors = dict[str, Tensor]
 PARTS = ("weights", "dictionary", "residual")
+# Parts that a reader of version 1 would leave out, and show other values than the model has.
+VERSION_2_PARTS = ("relief",)
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class ModelParts:
         residual: epsilon_k of each cluster.
         light, view: measured directions, `[L, 3]` and `[V, 3]`.
         name: of the material.
+        relief: heights of the surface; None where it is flat.
     """
 
     height: int
@@ -44,6 +48,12 @@ class ModelParts:
     light: Tensor
     view: Tensor
     name: str
+    relief: Relief | None = None
+
+
+def needed_version(tensors: Tensors) -> int:
+    """The least version of the format that has all parts of a file."""
+    return 2 if any(name.partition(".")[0] in VERSION_2_PARTS for name in tensors) else 1
 
 
 def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
@@ -64,8 +74,45 @@ def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
         "directions.light": parts.light,
         "directions.view": parts.view,
     }
-    size = {"height": str(parts.height), "width": str(parts.width)}
-    return tensors, {"name": parts.name, "models": json.dumps(names), **size}
+    tensors |= _relief_tensors(parts.relief)
+    metadata = {
+        "version": str(needed_version(tensors)),
+        "name": parts.name,
+        "models": json.dumps(names),
+        "height": str(parts.height),
+        "width": str(parts.width),
+    }
+    if parts.relief is not None:
+        metadata["rule"] = parts.relief.rule
+    return tensors, metadata
+
+
+def _relief_tensors(relief: Relief | None) -> Tensors:
+    """The tensors of a relief; none without one."""
+    if relief is None:
+        return {}
+    code, scale, offset = relief.encoded()
+    tensors = {"relief.offset": offset[None]}
+    if code is not None:
+        tensors |= {"relief.code": code, "relief.scale": scale[None]}
+    if relief.drift is not None:
+        tensors["relief.drift"] = relief.drift
+    return tensors
+
+
+def _relief(tensors: Tensors, metadata: dict[str, str]) -> Relief | None:
+    """The relief that `_relief_tensors` stored.
+
+    Raises:
+        KeyError: a tensor or the rule is missing.
+        ValueError: the rule is unknown, or heights are out of their range.
+    """
+    if "relief.offset" not in tensors:
+        return None
+    code = tensors.get("relief.code")
+    scale = 0.0 if code is None else tensors["relief.scale"][0]
+    drift = tensors.get("relief.drift")
+    return Relief(code, scale, tensors["relief.offset"][0], metadata["rule"], drift)
 
 
 def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
@@ -73,7 +120,8 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
 
     Raises:
         KeyError: a tensor or a key of the metadata is missing.
-        ValueError: a BRDF is not known, or a height or width is not a number.
+        ValueError: a BRDF is not known, a height or width is not a number, or the relief is not
+            valid.
     """
     lobes = LobeBatch(
         loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
@@ -94,6 +142,7 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
         light,
         view,
         metadata["name"],
+        relief=_relief(tensors, metadata),
     )
 
 

@@ -15,11 +15,11 @@ import torch
 
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
-from spmm_torch.geometry.directions import direction_from_angles
+from spmm_torch.geometry.directions import RULES, direction_from_angles
 from tests.brdf.numpy_twins import twin_of
 from tests.docs.markdown import blocks, table
 from tests.locations import DOCS
-from tests.planted.models import planted_model
+from tests.planted.models import planted_model, planted_relief, with_relief
 
 PAGE = DOCS / "model_format.md"
 QUERIES = 400
@@ -57,6 +57,17 @@ def planted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module", params=RULES)
+def relief(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model file with a relief whose texture continues by either rule."""
+    flat = planted_model(lobes_per_texel=4, residual=0.1)
+    drift = 0.01 * torch.ones(len(flat.view), 2)
+    model = with_relief(flat, planted_relief(flat.height, flat.width, 0.15, request.param, drift))
+    path = tmp_path_factory.mktemp("relief") / "model.safetensors"
+    path.write_bytes(model.pack())
+    return path
+
+
 @pytest.fixture(params=["planted", "fitted"])
 def file(request: pytest.FixtureRequest, planted: Path, run: Path) -> Path:
     return planted if request.param == "planted" else run / "model.safetensors"
@@ -86,8 +97,24 @@ def test_the_reader_agrees_with_the_package(reader: dict[str, Any], file: Path) 
     texel, wi, wo = queries(model)
     expected = model(centres(model, texel), wi, wo).numpy()
     tensors, metadata = reader["read"](file)
-    found = reader["evaluate"](tensors, metadata, texel.numpy(), wi.numpy(), wo.numpy())
+    found = reader["evaluate_texels"](tensors, metadata, texel.numpy(), wi.numpy(), wo.numpy())
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+@torch.no_grad()
+def test_the_reader_walks_over_the_relief(reader: dict[str, Any], relief: Path) -> None:
+    model = SPMM.load(relief)
+    _, wi, wo = queries(model)
+    uv = 3.0 * torch.rand(QUERIES, 2, generator=torch.Generator().manual_seed(2)).double() - 1.0
+    tensors, metadata = reader["read"](relief)
+    at = reader["hit"](tensors, metadata, uv.numpy(), wo.numpy())
+    assert model.relief is not None
+    expected = model.relief.field(model.height, model.width, model.view).hit(uv, wo).numpy()
+    far = np.abs(at - expected).max(1) > 1e-4
+    assert far.mean() < 0.01  # rays that graze a peak, which a march in steps may miss
+    found = reader["evaluate"](tensors, metadata, uv.numpy(), wi.numpy(), wo.numpy())
+    value = model(uv, wi, wo).numpy()
+    assert np.abs(found - value)[~far].max() < 5e-3 * np.abs(value).max()
 
 
 @torch.no_grad()
@@ -114,10 +141,10 @@ def test_stored_values_come_back_at_measured_pairs(reader: dict[str, Any], plant
 def test_the_reader_refuses_other_versions(
     reader: dict[str, Any], planted: Path, tmp_path: Path
 ) -> None:
-    content = planted.read_bytes().replace(b'"version":"1"', b'"version":"2"')
+    content = planted.read_bytes().replace(b'"version":"1"', b'"version":"3"')
     other = tmp_path / "other.safetensors"
     other.write_bytes(content)
-    with pytest.raises(ValueError, match="version 1"):
+    with pytest.raises(ValueError, match="version 1 or 2"):
         reader["read"](other)
 
 
@@ -155,6 +182,23 @@ def test_the_table_names_all_tensors(file: Path) -> None:
         assert entry["shape"] == [sizes[letter] for letter in shape.split(", ")], name
     keys = [key for row in table(PAGE, "key", "value") for key in code_spans(row[0])]
     assert sorted(keys) == sorted(metadata)
+
+
+def test_the_tables_name_all_of_a_relief(relief: Path) -> None:
+    rows = table(PAGE, "tensor of the relief", "type", "shape", "content")
+    listed = {code_spans(row[0])[0]: row for row in rows}
+    stored = header(relief)
+    metadata = stored.pop("__metadata__")
+    assert {name for name in stored if name.startswith("relief.")} == set(listed)
+    model = SPMM.load(relief)
+    sizes = {"T": model.texel_count, "V": len(model.view), "1": 1, "2": 2}
+    for name, (_, kind, shape, _) in listed.items():
+        assert stored[name]["dtype"] == kind, name
+        assert stored[name]["shape"] == [sizes[letter] for letter in shape.split(", ")], name
+    keys = {key for row in table(PAGE, "key", "value") for key in code_spans(row[0])}
+    own = {code_spans(row[0])[0] for row in table(PAGE, "key of the relief", "value")}
+    assert set(metadata) == keys | own
+    assert metadata["version"] == "2"
 
 
 def test_the_file_is_plain_safetensors(planted: Path) -> None:
