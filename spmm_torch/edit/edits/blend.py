@@ -10,9 +10,11 @@ from torch import Tensor
 from ...config.schema import REQUIRED, setting
 from ...errors import ConfigError
 from ...lobes.batch import LobeBatch
+from ...model.relief import Relief
 from ...model.residual import Residual, decode_residual, encode_residual
 from ...model.spmm import SPMM
 from ..entries import entry_texels, from_entries, scaled_entries
+from ..parts import with_parts
 from ..residual import STEPS, share_steps
 from ..selection import EVERYTHING, Selection
 
@@ -38,7 +40,8 @@ def blend(first: SPMM, second: SPMM, amount: float, where: Selection = EVERYTHIN
 
     Lobes blend exactly: each texel has those of both. The residual is stored by cluster, so where
     a share is neither 0 nor 1, each cluster of the model with the larger share gets the mean of
-    the blended residuals of its texels, as the residual itself is a mean [WDR11 §4.1].
+    the blended residuals of its texels, as the residual itself is a mean [WDR11 §4.1]. Heights
+    blend, too; a model without a relief has height 0.
 
     Args:
         first: the original.
@@ -62,7 +65,8 @@ def blend(first: SPMM, second: SPMM, amount: float, where: Selection = EVERYTHIN
         for model, part, begin in ((first, 1.0 - share, 0), (second, share, first_lobe))
     ]
     labels, residual = _blended_residual(first, second, share)
-    return from_entries(first, lobes, parts, labels, residual)
+    blended = from_entries(first, lobes, parts, labels, residual)
+    return with_parts(blended, relief=_blended_relief(first, second, share))
 
 
 def _check_pair(first: SPMM, second: SPMM) -> None:
@@ -89,6 +93,18 @@ def _joined(first: SPMM, second: SPMM) -> tuple[LobeBatch, int]:
         return first.dictionary.detach(), 0
     lobes = LobeBatch.cat((first.dictionary.detach(), second.dictionary.detach()))
     return lobes, len(first.lobe_model)
+
+
+def _blended_relief(first: SPMM, second: SPMM, share: Tensor) -> Relief | None:
+    """The relief of a blend with shares `[T]` of the second model; None if neither has one."""
+    relief = first.relief or second.relief
+    if relief is None:
+        return None
+    heights = [
+        torch.zeros_like(share) if each.relief is None else each.relief.heights(len(share))
+        for each in (first, second)
+    ]
+    return relief.with_heights(torch.lerp(heights[0].to(share), heights[1].to(share), share))
 
 
 def _blended_residual(first: SPMM, second: SPMM, share: Tensor) -> tuple[Tensor, Residual]:

@@ -69,4 +69,7 @@ def rearranged(model: SPMM, origin: Tensor) -> SPMM:
     _, entry = ranges(model.offset[origin], count)
     index, weight = (each.index_select(0, entry) for each in (model.index, model.weight.detach()))
     weights = SparseWeights(offset, index, weight)
-    return with_parts(model, weights=weights, labels=model.labels[origin])
+    relief = model.relief
+    if relief is not None:
+        relief = relief.with_heights(relief.heights(model.texel_count)[origin])
+    return with_parts(model, weights=weights, labels=model.labels[origin], relief=relief)
