@@ -90,7 +90,8 @@ class Relief(nn.Module):
     def field(self, rows: int, columns: int, view: Tensor) -> HeightField:
         """The heights over H x W texels, for the walk of rays.
 
-        It is kept as long as the heights stay as they are and need no gradient.
+        It is kept as long as the heights stay as they are and need no gradient. Changes through
+        `.data`, which torch does not count, are not seen.
 
         Args:
             rows, columns: H and W.
