@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..brdf import MODEL_NAMES
+from ..model.relief import Relief
 from ..model.spmm import SPMM
 from ..report.pictures import heat_colours
 from .palette import PAGE, QUIET, Colour, model_colour
@@ -25,8 +26,10 @@ HALF, STEP = 0.5, 1.12
 CAPITAL, ROW = 0.042, 0.085
 # Rows of a key; if there are more numbers of lobes, only the least and greatest are listed.
 MAX_ROWS = 9
-# Size of the window in pixels, and half of the height that it shows.
-SIZE, HALF_HEIGHT = (1280, 600), 1.07
+# Colours of heights.
+HEIGHTS = 256
+# Size of the window of so many maps in pixels, and half of the height that it shows.
+SIZE, MAPS, HALF_HEIGHT = (1280, 600), 4, 1.07
 RIGHT, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
@@ -53,6 +56,8 @@ def maps_scene(model: SPMM) -> Scene:
         count_map(model),
         model_map(model),
     ]
+    if model.relief is not None:
+        maps.append(height_map(model, model.relief))
     longest = max(model.height, model.width)
     half = (HALF * model.width / longest, HALF * model.height / longest)
     parts = [
@@ -63,7 +68,8 @@ def maps_scene(model: SPMM) -> Scene:
     title = f"{model.name or 'model'}: {model.width} x {model.height} texels"
     focus = np.array([0.0, -0.1, 0.0])
     view = View(focus, np.array([0.0, 0.0, 1.0]), UP, HALF_HEIGHT)
-    return Scene(title, tuple(parts), (), view, SIZE)
+    size = (SIZE[0] * len(maps) // MAPS, SIZE[1])
+    return Scene(title, tuple(parts), (), view, size)
 
 
 @torch.no_grad()
@@ -123,6 +129,20 @@ def model_map(model: SPMM) -> TexelMap:
     key = tuple(LegendRow(model_title(MODEL_NAMES[index]), colours[index]) for index in present)
     codes = torch.round(table).to(torch.uint8)[strongest]
     return TexelMap("Strongest BRDF", _square(model, codes), key)
+
+
+def height_map(model: SPMM, relief: Relief) -> TexelMap:
+    """The height of each texel, from dark to bright."""
+    height = relief.heights(model.texel_count).detach().double().cpu()
+    low, high = (float(bound) for bound in torch.aminmax(height))
+    share = (height - low) / (high - low) if high > low else torch.zeros_like(height)
+    colours = heat_colours(HEIGHTS)
+    codes = torch.from_numpy(colours)[(share * (HEIGHTS - 1)).round().long()]
+    rows = ((high, colours[-1]), (low, colours[0])) if high > low else ((low, colours[0]),)
+    key = tuple(
+        LegendRow(f"{100.0 * value:.3g} % of the width", _unit(colour)) for value, colour in rows
+    )
+    return TexelMap("Relief", _square(model, codes), key)
 
 
 def _square(model: SPMM, codes: Tensor) -> NDArray[np.uint8]:

@@ -12,6 +12,8 @@ from torch import Tensor
 from ..config.fit import FitConfig
 from ..data import BTF, load_input
 from ..errors import DataError
+from ..geometry.directions import texel_at
+from ..geometry.relief import texel_centres
 from ..model.spmm import SPMM
 from ..report.contract import FILE_NAME as REPORT
 from ..runs.folder import CONFIG
@@ -35,6 +37,8 @@ class Measured:
 def measured_samples(btf: BTF, model: SPMM, texel: int, wo: Tensor) -> Measured:
     """The samples of a texel under the measured view nearest to wo `[3]`; decodes only these.
 
+    A relief shifts the texel in the picture of the view: what is seen there may stand before it.
+
     Raises:
         DataError: the BTF has another size than the model.
     """
@@ -44,8 +48,21 @@ def measured_samples(btf: BTF, model: SPMM, texel: int, wo: Tensor) -> Measured:
             f"{model.height}; expected the BTF of the model; give another --against."
         )
     view = int(torch.argmax(btf.view @ wo.to(btf.view)))
-    part = btf.restricted(torch.tensor([texel]), (1, 1), views=torch.tensor([view]))
-    return Measured(btf.view[view], btf.light, part.texels()[0])
+    index, weight = _places(model, texel, btf.view[view])  # [n]
+    part = btf.restricted(index, (1, len(index)), views=torch.tensor([view]))
+    value = (part.texels() * weight[:, None, None]).sum(0)  # [L, C]
+    return Measured(btf.view[view], btf.light, value)
+
+
+def _places(model: SPMM, texel: int, wo: Tensor) -> tuple[Tensor, Tensor]:
+    """The texels `[n]` of a picture from wo `[3]` that show a texel, and their weights `[n]`."""
+    if model.relief is None:
+        return torch.tensor([texel]), torch.ones(1)
+    rows, columns = model.height, model.width
+    field = model.relief.field(rows, columns, model.view)
+    place = field.place(texel_centres(rows, columns, model.view)[texel], wo.to(model.view))
+    index, weight = texel_at(place.detach().cpu(), rows, columns, model.rule)
+    return index, weight
 
 
 def measured_input(run: Path, against: str | None) -> BTF | None:

@@ -14,6 +14,7 @@ from .edits.blend import blend
 from .edits.copy_look import copy_look, rearranged
 from .edits.hue_saturation import hue_saturation
 from .edits.intensity import intensity
+from .edits.relief_depth import relief_depth
 from .edits.replace_model import replace_model
 from .edits.residual_strength import residual_strength
 from .edits.rotate_tangent import rotate_tangent
@@ -58,6 +59,7 @@ __all__ = [
     "lobe_selection",
     "picture_selection",
     "rearranged",
+    "relief_depth",
     "replace_model",
     "residual_strength",
     "rotate_tangent",

@@ -6,6 +6,7 @@ from torch import Tensor
 
 from ..lobes.batch import LobeBatch
 from ..model.components import Components
+from ..model.relief import Relief
 from ..model.residual import Residual
 from ..model.spmm import SPMM, SparseWeights
 
@@ -18,6 +19,7 @@ def with_parts(
     labels: Tensor | None = None,
     residual: Residual | None = None,
     components: Components | None = None,
+    relief: Relief | None = None,
 ) -> SPMM:
     """A model with the given parts, which shares the tensors of all others with `model`.
 
@@ -28,6 +30,7 @@ def with_parts(
         labels: cluster of each texel, `[T]`.
         residual: epsilon of each cluster.
         components: the residual of each texel.
+        relief: heights of the surface.
     """
     return SPMM(
         model.height,
@@ -41,4 +44,5 @@ def with_parts(
         model.name,
         components=components or model.components,
         weight_type=model.weight_type,
+        relief=relief or model.relief,
     )

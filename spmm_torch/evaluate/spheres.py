@@ -90,7 +90,7 @@ def compare_spheres(model: SPMM, btf: BTF, device: torch.device | str = "cpu") -
     """
     texture = Texture(TEXELS_IN_HALF_TURN / btf.width, btf.width / btf.height)
     placed = model if model.weight.device == torch.device(device) else copy.deepcopy(model)
-    materials = (BTFMaterial.build(btf, device), placed.to(device), _white)
+    materials = (BTFMaterial.build(btf, device, model.rule), placed.to(device), _white)
     original, approximation, white = (
         light_pictures(material, texture, device).cpu() for material in materials
     )

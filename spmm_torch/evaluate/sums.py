@@ -6,19 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from ..data import BTF
-from ..geometry.directions import direction_pairs
 from ..metrics import Totals
 from ..model.spmm import SPMM
-from ..runtime.memory import slices
+from .predictions import predicted_blocks
 
-# Values of a block of texels: 32 MB of float32, and about six times as much with temporaries.
+# Values of a block: 32 MB of float32, and about six times as much with temporaries.
 BLOCK_VALUES = 1 << 23
-# (cluster, pair) queries of the residual that are evaluated at once: about 100 MB.
-BLOCK_QUERIES = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -45,60 +41,6 @@ class SquaredErrors:
         return Totals(*(float(part[pairs].sum()) for part in parts))
 
 
-@dataclass(frozen=True)
-class Tabulated:
-    """A model at fixed direction pairs.
-
-    Attributes:
-        model: on the device of the tables.
-        rho: values of lobes, `[J, D]`.
-        epsilon: the residual of the clusters, `[K, D, C]`.
-        functions: those of the components, `[R, D, C]`; None for none.
-    """
-
-    model: SPMM
-    rho: Tensor
-    epsilon: Tensor
-    functions: Tensor | None
-
-    @classmethod
-    def build(cls, model: SPMM, light: Tensor, view: Tensor) -> Tabulated:
-        """The tables for lights `[L, 3]` and views `[V, 3]`."""
-        light, view = light.to(model.light), view.to(model.view)
-        wi, wo = direction_pairs(light, view)
-        clusters = torch.arange(model.cluster_count, device=wi.device)
-        epsilon = [
-            model.residual(part[:, None], wi[None], wo[None])
-            for part in clusters.split(max(1, BLOCK_QUERIES // len(wi)))
-        ]
-        functions = None
-        if model.components is not None:
-            functions = model.components.functions(wi, wo).transpose(0, 1).contiguous()
-        return cls(model, model.dictionary.eval_grid(light, view), torch.cat(epsilon), functions)
-
-    def residual(self, texels: slice) -> Tensor:
-        """The residual of consecutive texels, `[n, D, C]`."""
-        total = self.epsilon[self.model.labels[texels]]
-        if self.functions is None or self.model.components is None:
-            return total
-        coefficients = self.model.components.coefficients()[texels]
-        return total + (coefficients @ self.functions.flatten(1)).view(total.shape)
-
-    def lobes(self, texels: slice) -> Tensor:
-        """The sum of the lobes of consecutive texels, `[n, D, C]`."""
-        weights = self.model.sparse_weights
-        offset = weights.offset[texels.start : texels.stop + 1]
-        first, last = int(offset[0]), int(offset[-1])
-        index, weight = weights.index[first:last], weights.weight[first:last]
-        planes = [
-            F.embedding_bag(
-                index, self.rho, offset[:-1] - first, mode="sum", per_sample_weights=channel
-            )
-            for channel in weight.T.contiguous()
-        ]
-        return torch.stack(planes, dim=-1)
-
-
 @torch.no_grad()
 def squared_errors(
     model: SPMM,
@@ -107,7 +49,7 @@ def squared_errors(
     progress: Callable[[int], object] = lambda count: None,
     block: int = BLOCK_VALUES,
 ) -> SquaredErrors:
-    """Evaluates the model at every texel and pair of the BTF, one block of texels at a time.
+    """Evaluates the model at every texel and pair of the BTF, block by block.
 
     Args:
         model: on the device of the computation.
@@ -117,24 +59,21 @@ def squared_errors(
         block: values of one block.
     """
     device = model.weight.device
-    table = Tabulated.build(model, btf.light, btf.view)
     by_pair = torch.zeros(3, btf.pair_count, dtype=torch.float64, device=device)
     by_texel = torch.zeros(2, btf.texel_count, dtype=torch.float64, device=device)
-    sums = torch.zeros_like(table.epsilon, dtype=torch.float64)  # [K, D, C]
+    shape = (model.cluster_count, btf.pair_count, btf.channels)
+    sums = torch.zeros(shape, dtype=torch.float64, device=device)
     counted = fitted.to(device, torch.float64)
-    size = max(1, block // (btf.pair_count * btf.channels))
-    for texels in slices(btf.texel_count, size):
-        value = btf.texels(texels, device)  # [n, D, C]
-        label = model.labels[texels]
-        lobes = table.lobes(texels)
+    for part in predicted_blocks(model, btf, block, progress):
         # In float64: the errors of cluster means are a small difference of large energies.
-        squares = [value.double().square().sum(-1)]  # [n, D]
-        for error in (lobes - value, lobes + table.residual(texels) - value):
-            squares.append(error.square().sum(-1).double())
-        by_pair += torch.stack([part.sum(0) for part in squares])
-        by_texel[:, texels] = torch.stack([squares[0] @ counted, squares[2] @ counted])
-        sums += torch.zeros_like(table.epsilon).index_add_(0, label, value)
-        progress(len(value))
+        squares = [part.value.double().square().sum(-1)]  # [n, d]
+        for predicted in (part.lobes, part.whole):
+            squares.append((predicted - part.value).square().sum(-1).double())
+        by_pair[:, part.pairs] += torch.stack([each.sum(0) for each in squares])
+        weighted = [squares[number] @ counted[part.pairs] for number in (0, 2)]
+        by_texel[:, part.texels] += torch.stack(weighted)
+        mean = torch.zeros_like(sums[:, part.pairs], dtype=torch.float32)
+        sums[:, part.pairs] += mean.index_add_(0, model.labels[part.texels], part.value)
     count = torch.bincount(model.labels, minlength=model.cluster_count)
     taken = (sums.square().sum(-1) / count.clamp(min=1)[:, None]).sum(0)  # [D]
     mean = (by_pair[0] - taken).clamp(min=0.0)

@@ -35,7 +35,7 @@ CAPTION = (
 def draw_comparison(subject: Subject) -> Drawing:
     """Pairs of renderings: original on the left, model on the right."""
     settings, device = subject.choices.settings(), subject.device
-    materials = (BTFMaterial.build(subject.source.btf, device), subject.model)
+    materials = (BTFMaterial.build(subject.source.btf, device, subject.model.rule), subject.model)
     rows, exposures = [], {}
     scenes = scenes_of(subject.aspect)
     total = len(scenes) * len(materials) * settings.size**2 * settings.samples

@@ -127,7 +127,7 @@ def hemisphere_spiral(count: int, max_theta: float = MAX_TILT) -> Tensor:
 
 
 def texel_at(uv: Tensor, height: int, width: int, rule: str = REPEAT) -> tuple[Tensor, Tensor]:
-    """The four texels around uv `[..., 2]` and their bilinear weights.
+    """The four texels around uv `[..., 2]` and their bilinear weights; the first tells the others.
 
     Args:
         uv: texture coordinates, u right, v up.
@@ -139,6 +139,8 @@ def texel_at(uv: Tensor, height: int, width: int, rule: str = REPEAT) -> tuple[T
     """
     column = uv[..., 0] * width - 0.5
     row = (1.0 - uv[..., 1]) * height - 0.5
+    if rule == MIRROR:
+        column, row = _mirrored(column, width), _mirrored(row, height)
     left, top = torch.floor(column), torch.floor(row)
     right, bottom = column - left, row - top  # weights
     left, top = left.long(), top.long()
@@ -163,3 +165,9 @@ def continued(index: Tensor, count: int, rule: str) -> Tensor:
         return index % count
     place = index % (2 * count)
     return torch.minimum(place, 2 * count - 1 - place)
+
+
+def _mirrored(at: Tensor, count: int) -> Tensor:
+    """The place `[...]` between the first and last of `count` centres that looks as `at [...]`."""
+    edge = torch.remainder(at + 0.5, 2 * count)
+    return (torch.minimum(edge, 2 * count - edge) - 0.5).clamp(0.0, count - 1.0)

@@ -79,8 +79,7 @@ class HeightField:
         uv, wo = uv.expand(*shape, 2), wo.expand(*shape, 3)
         if not self.height.requires_grad and self.cells.low == self.cells.high == 0.0:
             return uv
-        shift = self.shift(wo).to(torch.promote_types(uv.dtype, wo.dtype))
-        shift = shift * shift.new_tensor([1.0, self.height.shape[1] / self.height.shape[0]])
+        shift = self._shift_in_uv(wo).to(torch.promote_types(uv.dtype, wo.dtype))
         with torch.no_grad():
             t = self._first(uv, shift)
         if torch.is_grad_enabled() and (
@@ -88,6 +87,18 @@ class HeightField:
         ):
             t = self._with_gradient(t, uv, shift)
         return uv + t[..., None] * shift
+
+    def place(self, uv: Tensor, wo: Tensor) -> Tensor:
+        """Where of the plane views would show surface points, if nothing stood before them.
+
+        Args:
+            uv: surface points `[..., 2]`.
+            wo: unit views `[..., 3]`.
+
+        Returns:
+            uv of the places `[..., 2]`.
+        """
+        return uv - self._at(uv)[..., None] * self._shift_in_uv(wo)
 
     def footprint(self, view: Tensor, drift: Tensor | None = None) -> Footprint:
         """What the pictures of some views show at each texel centre.
@@ -103,6 +114,12 @@ class HeightField:
         at = self.hit(uv, view[:, None])
         inside = ((at >= 0.0) & (at <= 1.0)).all(-1)
         return Footprint(*texel_at(at, rows, columns, self.rule), inside)
+
+    def _shift_in_uv(self, wo: Tensor) -> Tensor:
+        """`shift` in units of u and v."""
+        rows, columns = self.height.shape
+        shift = self.shift(wo)
+        return shift * shift.new_tensor([1.0, columns / rows])
 
     def _first(self, uv: Tensor, shift: Tensor) -> Tensor:
         """The height `[...]` of each hit."""
@@ -123,17 +140,18 @@ class HeightField:
 
         One Newton step, whose value is left out: the walk is exact already.
         """
-        rows, columns = self.height.shape
-        index, weight = texel_at(uv + t[..., None] * shift, rows, columns, self.rule)
-        corner = self.height.flatten()[index]  # [..., 4]
-        height = (corner * weight).sum(-1)
-        with torch.no_grad():
-            right, below = weight[..., 1] + weight[..., 3], weight[..., 2] + weight[..., 3]
-            a, b, c, d = corner.unbind(-1)
-            along = torch.lerp(b - a, d - c, below) * shift[..., 0] * columns
-            along = along - torch.lerp(c - a, d - b, right) * shift[..., 1] * rows
-            crossing = (1.0 - along).clamp(min=LEAST_CROSSING)
+        at = t.detach().requires_grad_()
+        along = self._at(uv.detach() + at[..., None] * shift.detach())
+        (slope,) = torch.autograd.grad(along.sum(), at)
+        height = self._at(uv + t[..., None] * shift)
+        crossing = (1.0 - slope).clamp(min=LEAST_CROSSING)
         return t + (height - height.detach()) / crossing
+
+    def _at(self, uv: Tensor) -> Tensor:
+        """The height `[...]` at uv `[..., 2]`."""
+        rows, columns = self.height.shape
+        index, weight = texel_at(uv, rows, columns, self.rule)
+        return (self.height.flatten()[index] * weight).sum(-1)
 
 
 def texel_centres(rows: int, columns: int, like: Tensor) -> Tensor:

@@ -15,6 +15,7 @@ from ..lobes.batch import LobeBatch
 from ..runtime import tensor_file
 from .components import Components
 from .lookup import SparseWeights
+from .relief import Relief
 from .residual import Residual
 from .stored_models import loaded_kappa, loaded_models, stored_kappa, stored_names
 from .stored_weights import (
@@ -45,6 +46,8 @@ SHARED = (
     "weights.range",
     "directions.",
 )
+# Tensors without which a reader of version 1 would show other values than the model has.
+VERSION_2 = ("weights.code", "components.", "relief.")
 COMPONENTS = ("code", "scale", "coefficient", "coefficient_scale")
 
 
@@ -62,6 +65,7 @@ class ModelParts:
         name: of the material.
         components: the residual of each texel; None for none.
         weight_type: number format of the weights in the file: uint8, int16 or float32.
+        relief: heights of the surface; None where it is flat.
     """
 
     height: int
@@ -75,6 +79,12 @@ class ModelParts:
     name: str
     components: Components | None = None
     weight_type: torch.dtype = torch.float32
+    relief: Relief | None = None
+
+
+def needed_version(tensors: Tensors) -> str:
+    """The least version of the format that has all parts of a file."""
+    return "2" if any(name.startswith(VERSION_2) for name in tensors) else "1"
 
 
 def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
@@ -95,11 +105,45 @@ def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
     }
     if parts.components is not None:
         tensors |= {f"components.{name}": getattr(parts.components, name) for name in COMPONENTS}
-    metadata = {"name": parts.name, "models": json.dumps(names)}
-    metadata |= {"height": str(parts.height), "width": str(parts.width)}
-    if parts.components is not None or is_coded(parts.weight_type):
-        metadata["version"] = "2"
+    tensors |= _relief_tensors(parts.relief)
+    metadata = {
+        "version": needed_version(tensors),
+        "name": parts.name,
+        "models": json.dumps(names),
+        "height": str(parts.height),
+        "width": str(parts.width),
+    }
+    if parts.relief is not None:
+        metadata["rule"] = parts.relief.rule
     return tensors, metadata
+
+
+def _relief_tensors(relief: Relief | None) -> Tensors:
+    """The tensors of a relief; none without one."""
+    if relief is None:
+        return {}
+    code, scale, offset = relief.encoded()
+    tensors = {"relief.offset": offset[None]}
+    if code is not None:
+        tensors |= {"relief.code": code, "relief.scale": scale[None]}
+    if relief.drift is not None:
+        tensors["relief.drift"] = relief.drift
+    return tensors
+
+
+def _relief(tensors: Tensors, metadata: dict[str, str]) -> Relief | None:
+    """The relief that `_relief_tensors` stored.
+
+    Raises:
+        KeyError: a tensor or the rule is missing.
+        ValueError: the rule is unknown, or heights are out of their range.
+    """
+    if "relief.offset" not in tensors:
+        return None
+    code = tensors.get("relief.code")
+    scale = 0.0 if code is None else tensors["relief.scale"][0]
+    drift = tensors.get("relief.drift")
+    return Relief(code, scale, tensors["relief.offset"][0], metadata["rule"], drift)
 
 
 def _stored_weights(parts: ModelParts) -> Tensors:
@@ -127,7 +171,8 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
 
     Raises:
         KeyError: a tensor or a key of the metadata is missing.
-        ValueError: a BRDF is not known, or a height or width is not a number.
+        ValueError: a BRDF is not known, a height or width is not a number, or the relief is not
+            valid.
     """
     lobes = LobeBatch(
         loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
@@ -148,6 +193,7 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
         metadata["name"],
         _loaded_components(tensors, light, view),
         tensors["weights.code"].dtype if "weights.code" in tensors else torch.float32,
+        relief=_relief(tensors, metadata),
     )
 
 

@@ -9,7 +9,8 @@ from torch import Tensor, nn
 
 from ..brdf import MODEL_NAMES
 from ..errors import OutputError
-from ..geometry.directions import texel_at
+from ..geometry.directions import REPEAT, texel_at
+from ..geometry.relief import texel_centres
 from ..lobes.batch import LobeBatch
 from ..lobes.ragged import stable_order
 from ..runtime import tensor_file
@@ -17,6 +18,7 @@ from ..runtime.device import full_precision
 from . import file, sampling
 from .components import Components
 from .lookup import SparseWeights, TexelBlocks, blocks_met
+from .relief import Relief
 from .residual import Residual
 
 # (query, lobe) entries that are evaluated at once: some MB, which the caches of a CPU hold.
@@ -40,6 +42,7 @@ class SPMM(nn.Module):
         name: of the material.
         components: the residual of each texel; None for none.
         weight_type: number format of the weights in a file: uint8, int16 or float32.
+        relief: heights of the surface; None: it is flat, and the texture repeats.
     """
 
     lobe_model: Tensor
@@ -62,6 +65,7 @@ class SPMM(nn.Module):
         name: str = "",
         components: Components | None = None,
         weight_type: torch.dtype = torch.float32,
+        relief: Relief | None = None,
     ) -> None:
         super().__init__()
         self.height, self.width, self.name = height, width, name
@@ -76,6 +80,7 @@ class SPMM(nn.Module):
         self.register_buffer("labels", labels)
         self.residual = residual
         self.components = components
+        self.relief = relief
         self.register_buffer("light", light)
         self.register_buffer("view", view)
         self._sampling: sampling.SamplingData | None = None
@@ -117,6 +122,7 @@ class SPMM(nn.Module):
             self.name,
             components=self.components,
             weight_type=self.weight_type,
+            relief=self.relief,
         )
         return file.to_tensors(parts)
 
@@ -157,6 +163,11 @@ class SPMM(nn.Module):
         return self.height * self.width
 
     @property
+    def rule(self) -> str:
+        """How the texture continues beyond its border; see `directions.RULES`."""
+        return REPEAT if self.relief is None else self.relief.rule
+
+    @property
     def sparse_weights(self) -> SparseWeights:
         """The entries of all texels."""
         return SparseWeights(self.offset, self.index, self.weight)
@@ -165,9 +176,10 @@ class SPMM(nn.Module):
     def forward(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
         """Cosine-weighted reflectance [WDR11 Eq. 2].
 
-        Texels are interpolated bilinearly, and the texture repeats; a texel centre returns its
-        texel. Lobes are analytic, so directions need not be measured ones; the residual is
-        interpolated between those. The residual is signed, so values a little below 0 occur.
+        A view shows the point where its ray meets the relief. Texels are interpolated bilinearly,
+        and the texture repeats, or continues by the rule of its relief; without a relief, a texel
+        centre returns its texel. Lobes are analytic, so directions need not be measured ones; the
+        residual is interpolated between those, and signed, so values a little below 0 occur.
 
         Args:
             uv: texture coordinates `[..., 2]`, u right, v up.
@@ -179,25 +191,7 @@ class SPMM(nn.Module):
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
-        texel, bilinear = texel_at(uv, self.height, self.width)  # [Q, 4]
-        block, corners = blocks_met(texel, self.texel_count)
-        counts = torch.ones_like(corners, dtype=torch.bool)
-        if not bilinear.requires_grad:  # its gradient needs texels of weight 0 too
-            counts = bilinear.new_zeros(corners.shape).index_add(0, block, bilinear) > 0.0
-        weight = self.weight.to(torch.promote_types(self.weight.dtype, wi.dtype))
-        entries = SparseWeights(self.offset, self.index, weight)
-        blocks = TexelBlocks.build(corners, counts, entries)
-        total = max(1, int(blocks.count[block].sum()))
-        size = max(1, len(texel) * EVALUATED_ENTRIES // total)
-        # Sorted by block, so that neighbours in memory read the same entries.
-        order = stable_order(block, len(corners))
-        queries = (x.index_select(0, order).split(size) for x in (block, bilinear, wi, wo))
-        parts = [
-            self._forward_part(blocks, *part, residual=residual)
-            for part in zip(*queries, strict=True)
-        ]
-        value = torch.cat(parts)
-        value = torch.empty_like(value).index_copy(0, order, value)
+        value = self._mixed(*self.texels_seen(uv, wo), wi, wo, residual=residual)
         return value.view(*shape, self.weight.shape[1])
 
     @full_precision()
@@ -214,10 +208,10 @@ class SPMM(nn.Module):
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
         uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
-        texel, bilinear = texel_at(uv, self.height, self.width)
+        texel, bilinear = self.texels_seen(uv, wo)
         with torch.no_grad():
-            wi, density = sampling.sample(self.sampling_data(), texel, bilinear, wo, u)
-        rgb = self(uv, wi, wo)
+            wi, density = sampling.sample(self.sampling_data(), texel, bilinear.detach(), wo, u)
+        rgb = self._mixed(texel, bilinear, wi, wo, residual=True)
         return wi.view(*shape, 3), rgb.view(*shape, -1), density.view(shape)
 
     @full_precision()
@@ -231,7 +225,7 @@ class SPMM(nn.Module):
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
-        texel, bilinear = texel_at(uv, self.height, self.width)
+        texel, bilinear = self.texels_seen(uv, wo)
         return sampling.pdf(self.sampling_data(), texel, bilinear, wi, wo).view(shape)
 
     @torch.no_grad()
@@ -249,6 +243,46 @@ class SPMM(nn.Module):
             )
             self._sampling = kept
         return kept
+
+    def texels_seen(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+        """What views show at places of the plane: four texels each, and their bilinear weights.
+
+        Everything that reads texels asks here.
+
+        Args:
+            uv: texture coordinates `[..., 2]`.
+            wo: unit view directions `[..., 3]`.
+
+        Returns:
+            (index `[..., 4]`, weight `[..., 4]`).
+        """
+        if self.relief is None:
+            return texel_at(uv, self.height, self.width)
+        field = self.relief.field(self.height, self.width, self.view)
+        return texel_at(field.hit(uv, wo), self.height, self.width, self.rule)
+
+    def _mixed(
+        self, texel: Tensor, bilinear: Tensor, wi: Tensor, wo: Tensor, *, residual: bool
+    ) -> Tensor:
+        """Values `[Q, C]` of texels `[Q, 4]` mixed by `bilinear [Q, 4]`; wi and wo `[Q, 3]`."""
+        block, corners = blocks_met(texel, self.texel_count)
+        counts = torch.ones_like(corners, dtype=torch.bool)
+        if not bilinear.requires_grad:  # its gradient needs texels of weight 0 too
+            counts = bilinear.new_zeros(corners.shape).index_add(0, block, bilinear) > 0.0
+        weight = self.weight.to(torch.promote_types(self.weight.dtype, wi.dtype))
+        entries = SparseWeights(self.offset, self.index, weight)
+        blocks = TexelBlocks.build(corners, counts, entries)
+        total = max(1, int(blocks.count[block].sum()))
+        size = max(1, len(texel) * EVALUATED_ENTRIES // total)
+        # Sorted by block, so that neighbours in memory read the same entries.
+        order = stable_order(block, len(corners))
+        queries = (x.index_select(0, order).split(size) for x in (block, bilinear, wi, wo))
+        parts = [
+            self._forward_part(blocks, *part, residual=residual)
+            for part in zip(*queries, strict=True)
+        ]
+        value = torch.cat(parts)
+        return torch.empty_like(value).index_copy(0, order, value)
 
     def _forward_part(
         self,
@@ -293,13 +327,17 @@ class SPMM(nn.Module):
 
     @full_precision()
     def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
-        """Values `[H, W, C]` of all texels under one wi `[3]` and wo `[3]`, row 0 at the top."""
+        """Values `[H, W, C]` at all texel centres under one wi `[3]` and wo `[3]`, row 0 on top."""
         rho = self.dictionary.eval(wi[None, None], wo[None, None]).squeeze(1)  # [J]
         value = self.weight * rho[self.index, None]  # [N, C]
         texel = torch.repeat_interleave(self.lobe_count_per_texel())
         total = value.new_zeros(self.texel_count, value.shape[1]).index_add(0, texel, value)
         if residual:
             total = total + self._residual_picture(wi, wo)
+        if self.relief is not None:
+            centres = texel_centres(self.height, self.width, wo)
+            texel, bilinear = self.texels_seen(centres, wo)
+            total = (total[texel] * bilinear[..., None]).sum(dim=1)
         return total.view(self.height, self.width, -1)
 
     def _residual_picture(self, wi: Tensor, wo: Tensor) -> Tensor:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..geometry.directions import texel_at
+from ..geometry.directions import REPEAT, texel_at
 from ..geometry.hemisphere import HemisphereInterpolation
 from ..model.measured_pairs import LOWEST_COSINE
 from ..runtime.memory import slices
@@ -31,6 +31,7 @@ class BTFMaterial:
     Attributes:
         btf: decoded in memory or in its cache.
         light_mesh, view_mesh: meshes of its directions.
+        rule: how the texture continues beyond its border; see `directions.RULES`.
         texel_values: values of the texels that are read at once.
         picked_values: values of those that are picked at once.
     """
@@ -38,14 +39,15 @@ class BTFMaterial:
     btf: BTF
     light_mesh: HemisphereInterpolation
     view_mesh: HemisphereInterpolation
+    rule: str = REPEAT
     texel_values: int = TEXEL_VALUES
     picked_values: int = PICKED_VALUES
 
     @classmethod
-    def build(cls, btf: BTF, device: torch.device | str = "cpu") -> BTFMaterial:
-        """The material of a BTF, evaluated on a device."""
+    def build(cls, btf: BTF, device: torch.device | str = "cpu", rule: str = REPEAT) -> BTFMaterial:
+        """The material of a BTF that continues by a rule, evaluated on a device."""
         light = HemisphereInterpolation.build(btf.light).to(device)
-        return cls(btf, light, HemisphereInterpolation.build(btf.view).to(device))
+        return cls(btf, light, HemisphereInterpolation.build(btf.view).to(device), rule)
 
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Linear cosine-weighted RGB `[..., C]` of uv `[..., 2]`, wi and wo `[..., 3]`.
@@ -54,7 +56,7 @@ class BTFMaterial:
         """
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         flat = uv.expand(*shape, 2).reshape(-1, 2)
-        texel, texel_weight = texel_at(flat, self.btf.height, self.btf.width)  # [Q, 4]
+        texel, texel_weight = texel_at(flat, self.btf.height, self.btf.width, self.rule)  # [Q, 4]
         pair, weight = self.pairs_at(wi, wo, shape)  # [Q, 9]
         query, corner = torch.nonzero(texel_weight, as_tuple=True)  # [E]
         order = torch.argsort(texel[query, corner], stable=True)

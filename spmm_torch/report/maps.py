@@ -13,6 +13,7 @@ from ..model.spmm import SPMM
 from ..render.display import Codes
 from .charts import Bar, bar_chart, histogram
 from .pictures import cluster_colours, css_colour, heat_colours
+from .relief import height_map
 from .views import Chart, Picture
 from .wording import percent, plural
 
@@ -26,12 +27,14 @@ class Maps:
         lobes: the number of lobes of each texel.
         histogram: texels by number of lobes; its colours explain those of `lobes`.
         models: lobes by model.
+        heights: the relief; None without one.
     """
 
     clusters: Picture
     lobes: Picture
     histogram: Chart
     models: Chart
+    heights: Picture | None
 
 
 def model_maps(model: SPMM) -> Maps:
@@ -44,6 +47,7 @@ def model_maps(model: SPMM) -> Maps:
         _lobes(model, number, colours),
         _histogram(counts, colours),
         _models(model),
+        None if model.relief is None else height_map(model, model.relief),
     )
 
 

@@ -15,6 +15,7 @@ from .charts import Bar, bar_chart
 from .contract import check_report
 from .html import render_template
 from .maps import Maps, model_maps
+from .relief import relief_gallery
 from .slices import slice_gallery
 from .views import Chart, Gallery
 
@@ -102,5 +103,7 @@ def write_html(
         ValueError: keys of the report are missing or unknown.
     """
     check_report(report)
+    relief = relief_gallery(model, btf)
+    sections = sections if relief is None else (relief, *sections)
     page = ReportPage(report, btf, slice_gallery(model, btf), sections, model_maps(model))
     path.write_text(render_template("report.html.j2", page), encoding="utf-8")

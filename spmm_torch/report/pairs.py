@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -10,6 +11,8 @@ from torch import Tensor
 
 from ..geometry.directions import direction_from_angles
 
+Angles = tuple[float, float]
+Wanted = Sequence[tuple[str, Angles, Angles]]
 # Title, then (polar angle, azimuth) of light and view in degrees; the picture's top is at 90.
 WANTED = (
     ("Light and view from above", (0.0, 0.0), (0.0, 0.0)),
@@ -31,20 +34,23 @@ class Pair:
     view: int
 
 
-def choose_pairs(light: Tensor, view: Tensor, missing: Tensor | None = None) -> tuple[Pair, ...]:
-    """The measured pairs nearest to `WANTED`: from above, oblique, near mirror, grazing.
+def choose_pairs(
+    light: Tensor, view: Tensor, missing: Tensor | None = None, wanted: Wanted = WANTED
+) -> tuple[Pair, ...]:
+    """The measured pairs nearest to those wanted: from above, oblique, near mirror, grazing.
 
     Args:
         light: unit vectors `[L, 3]`.
         view: unit vectors `[V, 3]`.
         missing: pairs without a picture, `[V, L]`; None without any.
+        wanted: title, and angles of light and view in degrees.
 
     Returns:
         At least one pair, none twice; wanted pairs that were not measured are left out.
     """
     measured = torch.ones(len(view), len(light), dtype=torch.bool) if missing is None else ~missing
     chosen: dict[tuple[int, int], Pair] = {}
-    for title, wanted_light, wanted_view in WANTED:
+    for title, wanted_light, wanted_view in wanted:
         light_index, light_distance = _nearest(light, *wanted_light)
         view_index, view_distance = _nearest(view, *wanted_view)
         near = max(light_distance, view_distance) <= MAX_DISTANCE

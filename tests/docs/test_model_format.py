@@ -16,14 +16,14 @@ import torch
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
 from spmm_torch.edit.parts import with_parts
-from spmm_torch.geometry.directions import direction_from_angles
+from spmm_torch.geometry.directions import RULES, direction_from_angles
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.model.lookup import SparseWeights
 from spmm_torch.model.stored_weights import GROUP, rounded
 from tests.brdf.numpy_twins import twin_of
 from tests.docs.markdown import blocks, table
 from tests.locations import DOCS
-from tests.planted.models import planted_model, with_components
+from tests.planted.models import planted_model, planted_relief, with_components, with_relief
 
 PAGE = DOCS / "model_format.md"
 QUERIES = 400
@@ -77,6 +77,17 @@ def version_2(planted: SPMM, weight_type: torch.dtype, beside: bool) -> SPMM:
     return with_components(model, beside=beside)
 
 
+@pytest.fixture(scope="module", params=RULES)
+def relief(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model file with a relief whose texture continues by either rule."""
+    flat = planted_model(lobes_per_texel=4, residual=0.1)
+    drift = 0.01 * torch.ones(len(flat.view), 2)
+    model = with_relief(flat, planted_relief(flat.height, flat.width, 0.15, request.param, drift))
+    path = tmp_path_factory.mktemp("relief") / "model.safetensors"
+    path.write_bytes(model.pack())
+    return path
+
+
 @pytest.fixture(params=["planted", "fitted", "components", "components beside clusters"])
 def file(request: pytest.FixtureRequest, planted: Path, run: Path, tmp_path: Path) -> Path:
     if request.param in ("planted", "fitted"):
@@ -112,8 +123,24 @@ def test_the_reader_agrees_with_the_package(reader: dict[str, Any], file: Path) 
     texel, wi, wo = queries(model)
     expected = model(centres(model, texel), wi, wo).numpy()
     tensors, metadata = reader["read"](file)
-    found = reader["evaluate"](tensors, metadata, texel.numpy(), wi.numpy(), wo.numpy())
+    found = reader["evaluate_texels"](tensors, metadata, texel.numpy(), wi.numpy(), wo.numpy())
     assert np.abs(found - expected).max() < 1e-5 * np.abs(expected).max()
+
+
+@torch.no_grad()
+def test_the_reader_walks_over_the_relief(reader: dict[str, Any], relief: Path) -> None:
+    model = SPMM.load(relief)
+    _, wi, wo = queries(model)
+    uv = 3.0 * torch.rand(QUERIES, 2, generator=torch.Generator().manual_seed(2)).double() - 1.0
+    tensors, metadata = reader["read"](relief)
+    at = reader["hit"](tensors, metadata, uv.numpy(), wo.numpy())
+    assert model.relief is not None
+    expected = model.relief.field(model.height, model.width, model.view).hit(uv, wo).numpy()
+    far = np.abs(at - expected).max(1) > 1e-4
+    assert far.mean() < 0.01  # rays that graze a peak, which a march in steps may miss
+    found = reader["evaluate"](tensors, metadata, uv.numpy(), wi.numpy(), wo.numpy())
+    value = model(uv, wi, wo).numpy()
+    assert np.abs(found - value)[~far].max() < 5e-3 * np.abs(value).max()
 
 
 @torch.no_grad()
@@ -199,6 +226,23 @@ def test_every_tensor_of_the_table_is_in_some_file(planted: Path) -> None:
     assert set().union(*(tensors for tensors, _ in found)) == listed
     assert found[1][0]["weights.count"].dim() == 2
     assert [metadata.get("version", "1") for _, metadata in found] == ["1", "2"]
+
+
+def test_the_tables_name_all_of_a_relief(relief: Path) -> None:
+    rows = table(PAGE, "tensor of the relief", "type", "shape", "content")
+    listed = {code_spans(row[0])[0]: row for row in rows}
+    stored = header(relief)
+    metadata = stored.pop("__metadata__")
+    assert {name for name in stored if name.startswith("relief.")} == set(listed)
+    model = SPMM.load(relief)
+    sizes = {"T": model.texel_count, "V": len(model.view), "1": 1, "2": 2}
+    for name, (_, kind, shape, _) in listed.items():
+        assert stored[name]["dtype"] == kind, name
+        assert stored[name]["shape"] == [sizes[letter] for letter in shape.split(", ")], name
+    keys = {key for row in table(PAGE, "key", "value") for key in code_spans(row[0])}
+    own = {code_spans(row[0])[0] for row in table(PAGE, "key of the relief", "value")}
+    assert set(metadata) == keys | own
+    assert metadata["version"] == "2"
 
 
 def test_the_file_is_plain_safetensors(planted: Path) -> None:

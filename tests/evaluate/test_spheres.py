@@ -9,10 +9,12 @@ import torch
 
 from spmm_torch.evaluate import spheres
 from spmm_torch.evaluate.spheres import LIGHTS, compare_spheres, light_pictures, sphere_lights
+from spmm_torch.geometry.directions import MIRROR
+from spmm_torch.model.relief import Relief
 from spmm_torch.render import RenderSettings, Texture
 from tests.planted.btfs import COARSE_RINGS, tabulated
 from tests.planted.materials import Lambertian
-from tests.planted.models import FINE_RINGS, planted_model
+from tests.planted.models import FINE_RINGS, planted_model, with_relief
 
 SIZE = 48
 
@@ -48,6 +50,15 @@ def test_a_model_and_its_own_table_look_alike() -> None:
     shown = found.original * found.exposure[:, None, None, None]
     for picture, counts in zip(shown, found.counts, strict=True):
         assert float((picture[counts] > 1.0).float().mean()) == pytest.approx(0.01, abs=0.005)
+
+
+def test_the_original_continues_by_the_rule_of_the_model() -> None:
+    flat = planted_model(2, rings=FINE_RINGS, names=("lambertian", "oren_nayar"))
+    mirrored = with_relief(flat, Relief(None, 0.0, 0.0, MIRROR))
+    found = compare_spheres(mirrored, tabulated(flat))
+    counted = found.counts[..., None].expand_as(found.original)
+    error = (found.original - found.model)[counted].square().mean()
+    assert float(error / found.original[counted].square().mean()) < 1e-3
 
 
 def test_pixels_count_where_the_sphere_is_lit() -> None:

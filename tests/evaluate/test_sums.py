@@ -9,9 +9,15 @@ from torch import Tensor
 from spmm_torch import SPMM
 from spmm_torch.evaluate.angles import by_angle, rings
 from spmm_torch.evaluate.sums import squared_errors
-from spmm_torch.geometry.directions import direction_pairs, hemisphere_spiral, ring_directions
+from spmm_torch.geometry.directions import (
+    RULES,
+    direction_pairs,
+    hemisphere_spiral,
+    ring_directions,
+)
+from spmm_torch.model.relief import Relief
 from tests.planted.btfs import COARSE_RINGS, rough_btf
-from tests.planted.models import planted_model, with_components
+from tests.planted.models import planted_model, planted_relief, with_components, with_relief
 
 SIZE = 5
 
@@ -23,10 +29,19 @@ def models() -> dict[str, SPMM]:
     return {"clusters": clusters, "components": rank, "both": both}
 
 
-@pytest.mark.parametrize("block", [1 << 23, 3 * 400 * 2])
+def drifting_relief(rule: str, views: int) -> Relief:
+    """A relief that is deep enough to show other texels, under pictures that drift."""
+    drift = 0.1 * torch.rand(views, 2, generator=torch.Generator().manual_seed(2)) - 0.05
+    return planted_relief(SIZE, SIZE, 0.2, rule, drift)
+
+
 @pytest.mark.parametrize("kind", ["clusters", "components", "both"])
-def test_sums_are_those_of_pictures(block: int, kind: str) -> None:
+@pytest.mark.parametrize("rule", [None, *RULES])
+@pytest.mark.parametrize("block", [1 << 23, 3 * 400 * 2, 100])
+def test_sums_are_those_of_pictures(block: int, rule: str | None, kind: str) -> None:
     model, btf = models()[kind], rough_btf(SIZE)
+    if rule is not None:
+        model = with_relief(model, drifting_relief(rule, len(model.view)))
     fitted = torch.rand(btf.pair_count, generator=torch.Generator().manual_seed(0)) < 0.7
     told: list[int] = []
     found = squared_errors(model, btf, fitted, told.append, block)
@@ -49,7 +64,23 @@ def whole_table(model: SPMM, residual: bool) -> Tensor:
     texel = torch.arange(model.texel_count)
     u, v = (texel % SIZE + 0.5) / SIZE, 1.0 - (texel // SIZE + 0.5) / SIZE
     wi, wo = direction_pairs(model.light, model.view)
-    return model(torch.stack((u, v), -1)[:, None], wi[None], wo[None], residual=residual)
+    uv = torch.stack((u, v), -1)[:, None]
+    if model.relief is not None and model.relief.drift is not None:
+        uv = uv + model.relief.drift.repeat_interleave(len(model.light), 0)
+    return model(uv, wi[None], wo[None], residual=residual)
+
+
+def test_views_that_were_not_fitted_do_not_drift() -> None:
+    model, btf = planted_model(SIZE, rings=COARSE_RINGS, seed=1), rough_btf(SIZE)
+    fitted = torch.ones(btf.pair_count, dtype=torch.bool)
+    relief = drifting_relief("repeat", len(model.view))
+    fewer = with_relief(model, planted_relief(SIZE, SIZE, 0.2))
+    moved = with_relief(model, relief)
+    moved.view[5] = torch.nn.functional.normalize(moved.view[5] + 0.01, dim=0)
+    found = squared_errors(moved, btf, fitted).with_residual.view(len(btf.view), -1)
+    still = squared_errors(fewer, btf, fitted).with_residual.view(len(btf.view), -1)
+    torch.testing.assert_close(found[5], still[5], rtol=1e-2, atol=1e-6)
+    assert not torch.allclose(found[6], still[6], rtol=1e-2)
 
 
 def test_the_angle_table_adds_up() -> None:

@@ -98,6 +98,12 @@ def test_gradients_are_those_of_the_implicit_function(rule: str) -> None:
     assert torch.equal(hit(height, uv, wo), plain)
 
 
+def test_the_place_of_a_point_shows_it() -> None:
+    field = HeightField(waves(8, 4, 0.02), REPEAT, SLOPE)  # too shallow to hide a point
+    uv, wo = places(80, 12), random_directions(80, 13, max_theta=0.9)
+    torch.testing.assert_close(field.hit(field.place(uv, wo), wo), uv, rtol=0.0, atol=1e-9)
+
+
 def test_footprints_are_lookups_of_hits() -> None:
     field = HeightField(waves(6, 4) + 0.05, MIRROR, SLOPE)
     view, drift = random_directions(5, 8, max_theta=1.2), 0.1 * places(5, 9) - 0.05

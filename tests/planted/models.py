@@ -11,8 +11,9 @@ from torch import Tensor
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.edit.parts import with_parts
-from spmm_torch.geometry.directions import UBO2003_RINGS, ring_directions
+from spmm_torch.geometry.directions import REPEAT, UBO2003_RINGS, ring_directions
 from spmm_torch.model.components import Components, encode_coefficients, encode_functions
+from spmm_torch.model.relief import Relief
 from spmm_torch.model.residual import Residual, encode_residual
 from spmm_torch.model.spmm import SparseWeights
 from tests.planted.lobes import random_lobes
@@ -120,6 +121,24 @@ def with_components(
     if not beside:
         residual = residual.with_codes(residual.code.detach()[:0], residual.scale[:0])
     return with_parts(model, residual=residual, components=Components(*coded, light, view))
+
+
+def planted_relief(
+    height: int, width: int, depth: float = 0.1, rule: str = REPEAT, drift: Tensor | None = None
+) -> Relief:
+    """A smooth relief of H x W texels, `depth` texture widths from its valleys to its peaks.
+
+    Its mean plane lies a fifth of that over the plane of the pictures.
+    """
+    row, column = (torch.arange(n) * (2.0 * torch.pi / n) for n in (height, width))
+    bumps = torch.sin(column) + torch.cos(row[:, None] + column) + torch.sin(2.0 * row[:, None])
+    bumps = (bumps - bumps.min()) / (bumps.max() - bumps.min())
+    return Relief.of_heights(depth * (bumps - bumps.mean() + 0.2).flatten(), rule, drift)
+
+
+def with_relief(model: SPMM, relief: Relief | None = None) -> SPMM:
+    """The same model over a relief; that of `planted_relief` by default."""
+    return with_parts(model, relief=relief or planted_relief(model.height, model.width))
 
 
 @torch.no_grad()

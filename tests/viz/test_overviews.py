@@ -10,11 +10,19 @@ from spmm_torch import SPMM
 from spmm_torch.brdf import REGISTRY
 from spmm_torch.errors import ConfigError
 from spmm_torch.geometry.directions import direction_from_angles
-from spmm_torch.viz.maps import count_map, maps_scene, mean_normals, model_map, strongest_models
+from spmm_torch.model.relief import Relief
+from spmm_torch.viz.maps import (
+    count_map,
+    height_map,
+    maps_scene,
+    mean_normals,
+    model_map,
+    strongest_models,
+)
 from spmm_torch.viz.mosaic import mosaic_scene, spread_texels, texel_places
 from spmm_torch.viz.palette import model_colour
 from spmm_torch.viz.scene import Picture, Surface
-from tests.planted.models import planted_model
+from tests.planted.models import planted_model, planted_relief, with_relief
 
 WO = direction_from_angles(torch.tensor(0.5), torch.tensor(1.0))
 
@@ -68,6 +76,23 @@ def test_keys_name_what_occurs(model: SPMM) -> None:
     shown = [row.text for row in model_map(model).key]
     assert shown
     assert set(shown) <= titles
+
+
+def test_a_relief_adds_a_map(model: SPMM) -> None:
+    rough = with_relief(model, planted_relief(8, 8, 0.1))
+    assert rough.relief is not None
+    found = height_map(rough, rough.relief)
+    bright = found.codes.astype(int).sum(-1).flatten()
+    height = rough.relief.height
+    assert bright[int(height.argmax())] > bright[int(height.argmin())]
+    assert [row.text.split()[0] for row in found.key] == [
+        f"{100.0 * float(bound):.3g}" for bound in (height.max(), height.min())
+    ]
+    scene = maps_scene(rough)
+    assert len([part for part in scene.parts if isinstance(part, Picture)]) == 5
+    assert scene.size[0] == 5 * maps_scene(model).size[0] // 4
+    plane = Relief(None, 0.0, 0.02)
+    assert [row.text for row in height_map(rough, plane).key] == ["2 % of the width"]
 
 
 def test_maps_stand_side_by_side(model: SPMM) -> None:

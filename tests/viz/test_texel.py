@@ -11,10 +11,11 @@ from spmm_torch import SPMM, load_btf
 from spmm_torch.data import sample_path
 from spmm_torch.errors import ConfigError, DataError
 from spmm_torch.geometry.directions import direction_from_angles
+from spmm_torch.model.relief import Relief
 from spmm_torch.viz.measured import measured_input, measured_samples
 from spmm_torch.viz.texel import angles_text, lobe_text, luminance, texel_index, texel_lobes
 from tests.planted.btfs import tabulated
-from tests.planted.models import planted_model
+from tests.planted.models import planted_model, with_relief
 
 WO = direction_from_angles(torch.tensor(0.5), torch.tensor(1.0))
 
@@ -48,6 +49,19 @@ def test_samples_are_those_of_the_nearest_view(model: SPMM) -> None:
     measured = measured_samples(btf, model, 13, wanted)
     assert torch.equal(measured.wo, btf.view[7])
     assert torch.equal(measured.value, btf.texels(torch.tensor([13]))[0].view(81, 81, 3)[7])
+
+
+def test_samples_follow_the_relief(model: SPMM) -> None:
+    """A plane that shifts the view by two texels to the left."""
+    btf = tabulated(model)
+    wo = direction_from_angles(torch.tensor(0.7), torch.tensor(0.0))
+    view = int((btf.view @ wo).argmax())
+    slope = float(btf.view[view, 0] / btf.view[view, 2])
+    assert abs(float(btf.view[view, 1])) < 1e-6
+    low = with_relief(model, Relief(None, 0.0, 2.0 / 8.0 / slope))
+    measured = measured_samples(btf, low, 13, btf.view[view])
+    expected = btf.texels(torch.tensor([11]))[0].view(81, 81, 3)[view]
+    torch.testing.assert_close(measured.value, expected, rtol=1e-4, atol=1e-5)
 
 
 def test_a_btf_of_another_size_is_refused(model: SPMM) -> None:

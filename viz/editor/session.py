@@ -13,7 +13,7 @@ from ...edit import Mask, Script, Step, lobe_group
 from ...errors import ConfigError
 from ...model.spmm import SPMM
 from ...runs.edited import save_edited_run
-from .sliders import BY_NAME, NEUTRAL, SLIDERS, steps_of
+from .sliders import BY_NAME, NEUTRAL, RELIEF, SLIDERS, Slider, steps_of
 
 # Kept models of the first edits of a script; a slider then costs its own edit only.
 KEPT_MODELS = 24
@@ -191,12 +191,14 @@ class Session:
         save_edited_run(self.run, self.original, self.model(), self.script, output)
 
     def usable(self) -> dict[str, bool]:
-        """Whether each slider has lobes that it can change."""
-        return {slider.name: self._has_group(slider.group) for slider in SLIDERS}
+        """Whether each slider has something that it can change: its lobes, or the relief."""
+        return {slider.name: self._can_change(slider) for slider in SLIDERS}
 
-    def _has_group(self, group: str | None) -> bool:
+    def _can_change(self, slider: Slider) -> bool:
+        if slider.name == RELIEF:
+            return self.original.relief is not None
         try:
-            lobe_group(self.original, group or "all")
+            lobe_group(self.original, slider.group or "all")
         except ConfigError:
             return False
         return True

@@ -8,12 +8,15 @@ from dataclasses import dataclass
 from ...edit import Edit, Mask, Step
 from ...edit.edits.hue_saturation import HueSaturation
 from ...edit.edits.intensity import Intensity
+from ...edit.edits.relief_depth import ReliefDepth
 from ...edit.edits.residual_strength import ResidualStrength
 from ...edit.edits.rotate_tangent import RotateTangent
 from ...edit.edits.scale_width import ScaleWidth
 from ...edit.edits.spread_normals import SpreadNormals
 
 SPECULAR, NON_SPECULAR = "specular", "non_specular"
+# The name of the slider that needs a relief.
+RELIEF = "relief"
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,7 @@ SLIDERS: tuple[Slider, ...] = (
     Slider("normals", "Spread of normals", 0.0, 3.0, 0.01, 1.0, "×"),
     Slider("tangent", "Turn of anisotropy", -90.0, 90.0, 1.0, 0.0, "°"),
     Slider("residual", "Residual", 0.0, 2.0, 0.01, 1.0, "×"),
+    Slider(RELIEF, "Relief depth", 0.0, 3.0, 0.01, 1.0, "×"),
 )
 BY_NAME = {slider.name: slider for slider in SLIDERS}
 NEUTRAL: dict[str, float] = {slider.name: slider.neutral for slider in SLIDERS}
@@ -71,6 +75,7 @@ def _all_edits(values: Mapping[str, float]) -> tuple[Edit, ...]:
         SpreadNormals(values["normals"]),
         RotateTangent(values["tangent"]),
         ScaleWidth(values["width"]),
+        ReliefDepth(values[RELIEF]),
         ResidualStrength(values["residual"]),
         Intensity(values["intensity"]),
         Intensity(values["specular"], group=SPECULAR),

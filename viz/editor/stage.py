@@ -15,7 +15,6 @@ from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from ...errors import ConfigError
-from ...geometry.directions import texel_at
 from ...model.spmm import SPMM
 from ...render.camera import Camera
 from ...render.lights import DirectionalLight
@@ -92,15 +91,22 @@ class Stage:
         self.pixel = met[lit]  # [P]
         middles = torch.isfinite(distance).view(size, size)
         self.coverage = coverage(shape, camera, middles).to(like)
-        texel, weight = texel_at(uv[lit], model.height, model.width)  # [P, 4]
-        if not smooth:
-            texel = nearest_texels(uv[lit], model.height, model.width)[:, None]
-            weight = torch.ones_like(weight[:, :1])
-        self.lobes = LobeCache(texel, weight, wi[lit], wo[lit])
-        self.residual = ResidualCache(texel, weight, wi[lit], wo[lit])
+        self.uv, self.wi, self.wo, self.smooth = uv[lit], wi[lit], wo[lit], smooth
+        self._look_up(model)
+
+    def _look_up(self, model: SPMM) -> None:
+        """Finds the texels that the hits show: they change with the relief of the model."""
+        self._relief = model.relief
+        texel, weight = model.texels_seen(self.uv, self.wo)  # [P, 4]
+        if not self.smooth:
+            weight, nearest = weight.max(dim=1, keepdim=True)
+            texel, weight = texel.gather(1, nearest), torch.ones_like(weight)
+        self.lobes = LobeCache(texel, weight, self.wi, self.wo)
+        self.residual = ResidualCache(texel, weight, self.wi, self.wo)
 
     def stale(self, model: SPMM) -> int:
         """The number of (hit, lobe) pairs that a picture of `model` has to evaluate."""
+        self._follow(model)
         return self.lobes.stale(model)
 
     @torch.no_grad()
@@ -110,9 +116,15 @@ class Stage:
         Raises:
             Stopped: `stop` returned True.
         """
+        self._follow(model)
         value = (self.lobes.values(model, stop) + self.residual.values(model)).clamp(min=0.0)
         flat = value.new_zeros(self.size**2, value.shape[1])
         return flat.index_copy(0, self.pixel, value).view(self.size, self.size, -1)
+
+    def _follow(self, model: SPMM) -> None:
+        """Looks the texels up again where the model has another relief than before."""
+        if model.relief is not self._relief:
+            self._look_up(model)
 
 
 def pixel_middles(size: int, like: Tensor) -> Tensor:
@@ -140,13 +152,6 @@ def coverage(shape: Sphere | Plane | Drape, camera: Camera, met: Tensor) -> Tens
     hit = torch.isfinite(shape.distance(rays)).view(-1, len(inner))
     covered[row, column] = hit.to(covered).mean(1)
     return covered
-
-
-def nearest_texels(uv: Tensor, height: int, width: int) -> Tensor:
-    """The texel `[P]` that uv `[P, 2]` lies in; textures repeat."""
-    column = torch.floor(uv[:, 0] * width).long() % width
-    row = torch.floor((1.0 - uv[:, 1]) * height).long() % height
-    return row * width + column
 
 
 def _radians(degrees: tuple[float, float]) -> tuple[float, float]:

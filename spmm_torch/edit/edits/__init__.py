@@ -11,6 +11,7 @@ from .blend import Blend
 from .copy_look import CopyLook
 from .hue_saturation import HueSaturation
 from .intensity import Intensity
+from .relief_depth import ReliefDepth
 from .replace_model import ReplaceModel
 from .residual_strength import ResidualStrength
 from .rotate_tangent import RotateTangent
@@ -27,6 +28,7 @@ EDITS: dict[str, type[Edit]] = {
     "set_parameter": SetParameter,
     "replace_model": ReplaceModel,
     "residual_strength": ResidualStrength,
+    "relief_depth": ReliefDepth,
     "blend": Blend,
     "copy_look": CopyLook,
 }

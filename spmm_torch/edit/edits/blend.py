@@ -11,10 +11,12 @@ from ...config.schema import REQUIRED, setting
 from ...errors import ConfigError
 from ...lobes.batch import LobeBatch
 from ...model.components import Components
+from ...model.relief import Relief
 from ...model.residual import Residual, decode_residual, encode_residual
 from ...model.spmm import SPMM
 from ..components import mixed, scaled_components
 from ..entries import entry_texels, from_entries, scaled_entries
+from ..parts import with_parts
 from ..residual import STEPS, WholeResidual, share_steps
 from ..selection import EVERYTHING, Selection
 
@@ -41,7 +43,7 @@ def blend(first: SPMM, second: SPMM, amount: float, where: Selection = EVERYTHIN
     Lobes and components blend exactly: each texel has those of both. The residual of clusters is
     stored by cluster, so where a share is neither 0 nor 1, each cluster of the model with the
     larger share gets the mean of the blended residuals of its texels, as that residual itself is a
-    mean [WDR11 §4.1].
+    mean [WDR11 §4.1]. Heights blend, too; a model without a relief has height 0.
 
     Args:
         first: the original.
@@ -64,7 +66,8 @@ def blend(first: SPMM, second: SPMM, amount: float, where: Selection = EVERYTHIN
         scaled_entries(model, part.index_select(0, entry_texels(model)), begin)
         for model, part, begin in ((first, 1.0 - share, 0), (second, share, first_lobe))
     ]
-    return from_entries(first, lobes, parts, **vars(_blended_residual(first, second, share)))
+    blended = from_entries(first, lobes, parts, **vars(_blended_residual(first, second, share)))
+    return with_parts(blended, relief=_blended_relief(first, second, share))
 
 
 def _check_pair(first: SPMM, second: SPMM) -> None:
@@ -91,6 +94,18 @@ def _joined(first: SPMM, second: SPMM) -> tuple[LobeBatch, int]:
         return first.dictionary.detach(), 0
     lobes = LobeBatch.cat((first.dictionary.detach(), second.dictionary.detach()))
     return lobes, len(first.lobe_model)
+
+
+def _blended_relief(first: SPMM, second: SPMM, share: Tensor) -> Relief | None:
+    """The relief of a blend with shares `[T]` of the second model; None if neither has one."""
+    relief = first.relief or second.relief
+    if relief is None:
+        return None
+    heights = [
+        torch.zeros_like(share) if each.relief is None else each.relief.heights(len(share))
+        for each in (first, second)
+    ]
+    return relief.with_heights(torch.lerp(heights[0].to(share), heights[1].to(share), share))
 
 
 def _blended_residual(first: SPMM, second: SPMM, share: Tensor) -> WholeResidual:

@@ -69,8 +69,12 @@ def rearranged(model: SPMM, origin: Tensor) -> SPMM:
     _, entry = ranges(model.offset[origin], count)
     index, weight = (each.index_select(0, entry) for each in (model.index, model.weight.detach()))
     weights = SparseWeights(offset, index, weight)
-    components = model.components
+    components, relief = model.components, model.relief
     if components is not None:
         components = components.with_codes(coefficient=components.coefficient.detach()[origin])
+    if relief is not None:
+        relief = relief.with_heights(relief.heights(model.texel_count)[origin])
     labels = model.labels[origin]
-    return with_parts(model, weights=weights, labels=labels, components=components)
+    return with_parts(
+        model, weights=weights, labels=labels, components=components, relief=relief
+    )

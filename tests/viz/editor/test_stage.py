@@ -15,6 +15,7 @@ from spmm_torch.edit import (
     hue_saturation,
     intensity,
     lobe_group,
+    relief_depth,
     residual_strength,
     scale_width,
     select_texels,
@@ -31,7 +32,7 @@ from spmm_torch.viz.editor.lobe_cache import Stopped
 from spmm_torch.viz.editor.preview import Preview, selection_codes
 from spmm_torch.viz.editor.stage import HALF_WIDTH, SHAPES, Setting, Stage, first_setting
 from spmm_torch.viz.palette import PAGE
-from tests.planted.models import planted_model, with_components
+from tests.planted.models import planted_model, with_components, with_relief
 
 SETTING = Setting(light=(40.0, 30.0), view=(20.0, -50.0))
 
@@ -88,6 +89,19 @@ def test_kept_values_are_those_that_are_computed_anew(
     assert torch.equal(after, Stage(model, SETTING, 32, smooth).picture(edited))
     assert not torch.equal(after, before)
     assert torch.equal(kept.picture(model), before)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_pictures_follow_the_relief(model: SPMM, smooth: bool) -> None:
+    rough = with_relief(model).requires_grad_(False)
+    kept = Stage(rough, SETTING, 32, smooth)
+    before = kept.picture(rough)
+    deeper = relief_depth(rough, 2.0)
+    after = kept.picture(deeper)
+    assert torch.equal(after, Stage(deeper, SETTING, 32, smooth).picture(deeper))
+    assert not torch.equal(after, before)
+    assert torch.equal(kept.picture(rough), before)
+    assert kept.stale(intensity(rough, 2.0)) == 0
 
 
 def test_edits_of_weights_evaluate_no_lobe(model: SPMM) -> None:
