@@ -95,7 +95,7 @@ def light_pictures(
 
 
 def lobes_of(model: SPMM) -> Callable[[Tensor, Tensor, Tensor], Tensor]:
-    """The material of a model without its residual."""
+    """The material of a model without its residual: a function of uv, wi, wo to RGB `[..., 3]`."""
 
     def lobes(uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Cosine-weighted RGB `[..., 3]` of uv `[..., 2]`, wi and wo `[..., 3]`."""
