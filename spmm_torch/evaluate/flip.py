@@ -32,8 +32,8 @@ def flip_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray | None:
         from flip_evaluator import evaluate
     except ImportError:
         return None
-    pictures = (np.ascontiguousarray(part, dtype=np.float32) for part in (reference, test))
+    first, second = (np.ascontiguousarray(part, dtype=np.float32) for part in (reference, test))
     error, _, _ = evaluate(
-        *pictures, "LDR", inputsRGB=True, applyMagma=False, computeMeanError=False
+        first, second, "LDR", inputsRGB=True, applyMagma=False, computeMeanError=False
     )  # [H, W, 1]
     return np.asarray(error)[..., 0]

@@ -202,7 +202,7 @@ class Report:
 
 def _groups(kind: type) -> dict[str, type]:
     """The fields of a dataclass whose values are dataclasses, and their classes."""
-    hints = get_type_hints(kind)
+    hints: dict[str, type] = get_type_hints(kind)
     return {key: each for key, each in hints.items() if is_dataclass(each)}
 
 
