@@ -53,7 +53,9 @@ def run(options: argparse.Namespace) -> list[str]:
 
 
 def headline(found: Judgement) -> str:
-    """The result in one line, or two if the report of the fit says something else."""
+    """The result in three lines, or four if the report of the fit says something else."""
+    from spmm_torch.report.summary import picture_lines
+
     figures, difference = found.figures, found.figures["report_difference_db"]
     snr = figures["snr_db"]
     line = (
@@ -62,6 +64,7 @@ def headline(found: Judgement) -> str:
     )
     if figures["held_out"] is not None:
         line += f", held-out SNR {figures['held_out']['snr_db']['with_residual']:.2f} dB"
+    line = "\n".join([line, *picture_lines(found.slices.sharpness, found.slices.display)])
     if difference is not None and difference > SAME_DECIBELS:
         line += (
             f"\nwarning: these differ from report.json by up to {difference:.2f} dB; the model or "

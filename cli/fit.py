@@ -55,7 +55,8 @@ def add_options(parser: Parser) -> None:
     add(
         "--no-render",
         action="store_true",
-        help="leave out the sphere pictures and MSSIM, which takes seconds less",
+        help="leave out the pictures of both on a sphere and a plane, MSSIM, sharpness, and PSNR "
+        "on a display, which takes seconds less",
     )
     add(
         "--max-memory",
@@ -96,7 +97,7 @@ def run(options: argparse.Namespace) -> list[str]:
 def fit_run(options: argparse.Namespace) -> None:
     """Fits, and writes the run folder."""
     from spmm_torch.data import load_input
-    from spmm_torch.evaluate import sphere_section
+    from spmm_torch.evaluate import opening_section
     from spmm_torch.fit import fit
     from spmm_torch.fit.weighting import given_weights
     from spmm_torch.report.summary import headline
@@ -128,7 +129,9 @@ def fit_run(options: argparse.Namespace) -> None:
         )
         result = fit(btf, config, context, weights=weights, render=not options.no_render)
         if ranks.is_first:
-            sections = [] if result.likeness is None else [sphere_section(result.likeness)]
+            sections = []
+            if (seen := result.looks) is not None:
+                sections = [opening_section(seen.likeness.spheres, seen.planes)]
             write_run(folder, result.model, result.figures, config, btf, sections)
             context.progress.say(headline(result.figures))
 

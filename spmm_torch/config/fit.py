@@ -82,6 +82,32 @@ class WeightsConfig:
 
 
 @dataclass(frozen=True)
+class ReliefConfig:
+    """The relief of the surface, which shifts what each view shows."""
+
+    mode: str = setting(
+        "auto",
+        "what is found in the pictures: off (nothing, as in the paper), plane (how high the "
+        "surface lies), or auto (heights of all texels where they pay)",
+        choices=("off", "plane", "auto"),
+    )
+    height: str | None = setting(
+        None, "picture of the heights, white on top; null: they are found in the pictures"
+    )
+    height_scale: float | None = setting(
+        None,
+        "height of white above black in that picture, as a fraction of its width; null: found",
+        low=0.0,
+        high=0.5,
+    )
+    drift: str = setting(
+        "auto",
+        "how far views are off their place: auto (found where there is a drift), or off",
+        choices=("auto", "off"),
+    )
+
+
+@dataclass(frozen=True)
 class ClusterConfig:
     """k-means over all texels [WDR11 §4.1]."""
 
@@ -272,6 +298,7 @@ class FitConfig:
 
     data: DataConfig = field(default_factory=DataConfig)
     weights: WeightsConfig = field(default_factory=WeightsConfig)
+    relief: ReliefConfig = field(default_factory=ReliefConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     sample: SampleConfig = field(default_factory=SampleConfig)
     search: SearchConfig = field(default_factory=SearchConfig)

@@ -4,25 +4,36 @@ from __future__ import annotations
 
 import numpy as np
 
-from .spheres import Spheres
+from .renderings import Renderings
 
 
-def flip(spheres: Spheres) -> list[float] | None:
-    """The mean FLIP error of each pair of sphere pictures; None without the extra `eval`.
+def flip(pictures: Renderings) -> list[float] | None:
+    """The mean FLIP error of each pair of rendered pictures; None without the extra `eval`.
 
     Pictures that look the same have error 0. They are tone-mapped as for MSSIM; the mean is over
-    the pixels that count. The viewing distance is the default, 67 pixels a degree [Andersson et
-    al. 2020, FLIP: A Difference Evaluator for Alternating Images].
+    the pixels that count.
+    """
+    errors = []
+    for original, model, counts in zip(*pictures.shown(), pictures.counts, strict=True):
+        error = flip_map(original.float().numpy(), model.float().numpy())
+        if error is None:
+            return None
+        errors.append(float(error[counts.numpy()].mean()))
+    return errors
+
+
+def flip_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray | None:
+    """The FLIP error `[H, W]` of display values `[H, W, 3]` in 0..1, by the sRGB curve.
+
+    None without the extra `eval`. The viewing distance is the default, 67 pixels a degree
+    [Andersson et al. 2020, FLIP: A Difference Evaluator for Alternating Images].
     """
     try:
         from flip_evaluator import evaluate
     except ImportError:
         return None
-    errors = []
-    for original, model, counts in zip(*spheres.shown(), spheres.counts, strict=True):
-        reference, test = (np.ascontiguousarray(x.float().numpy()) for x in (original, model))
-        error, _, _ = evaluate(
-            reference, test, "LDR", inputsRGB=True, applyMagma=False, computeMeanError=False
-        )  # [S, S, 1]
-        errors.append(float(np.asarray(error)[..., 0][counts.numpy()].mean()))
-    return errors
+    first, second = (np.ascontiguousarray(part, dtype=np.float32) for part in (reference, test))
+    error, _, _ = evaluate(
+        first, second, "LDR", inputsRGB=True, applyMagma=False, computeMeanError=False
+    )  # [H, W, 1]
+    return np.asarray(error)[..., 0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import torch
@@ -16,8 +16,11 @@ from ..runtime.progress import Progress
 from .angles import AngleTable, by_angle
 from .flip import flip
 from .mssim import Score, mean_score, mssim
+from .planes import compare_planes
+from .renderings import Renderings
+from .slices import SliceFigures, slice_figures
 from .source import Source
-from .spheres import Spheres, compare_spheres
+from .spheres import compare_spheres
 from .sums import SquaredErrors, squared_errors
 from .worst import worst_pairs, worst_texels
 
@@ -35,13 +38,28 @@ class Likeness:
         scores: MSSIM of each pair.
     """
 
-    spheres: Spheres
+    spheres: Renderings
     scores: list[Score]
 
     @property
     def mssim(self) -> Score:
         """`y`, `cr`, `cb` and `mean` over all pairs."""
         return mean_score(self.scores)
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What pictures tell of a fit.
+
+    Attributes:
+        likeness: of the sphere pictures.
+        planes: pictures of a plane.
+        slices: sharpness, and what is seen of slices.
+    """
+
+    likeness: Likeness
+    planes: Renderings
+    slices: SliceFigures
 
 
 @dataclass(frozen=True)
@@ -54,6 +72,7 @@ class Judgement:
         table: errors of the fitted pairs by polar angles.
         held_out: the same of the pairs that were not fitted; None if all were.
         likeness: of the sphere pictures.
+        slices: sharpness, and what is seen of slices, at directions that were fitted.
         figures: the content of `evaluation.json`.
     """
 
@@ -62,6 +81,7 @@ class Judgement:
     table: AngleTable
     held_out: AngleTable | None
     likeness: Likeness
+    slices: SliceFigures
     figures: dict[str, Any]
 
 
@@ -69,6 +89,12 @@ def likeness(model: SPMM, btf: BTF, device: torch.device | str) -> Likeness:
     """Renders the spheres of `spheres` and scores them."""
     spheres = compare_spheres(model, btf, device)
     return Likeness(spheres, mssim(spheres))
+
+
+def looks(model: SPMM, btf: BTF, device: torch.device | str) -> Looks:
+    """Renders spheres and planes, scores the spheres, and compares slices."""
+    found = likeness(model, btf, device)
+    return Looks(found, compare_planes(model, btf, device), slice_figures(model, btf))
 
 
 def judge(source: Source, device: torch.device, progress: Progress) -> Judgement:
@@ -82,6 +108,7 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
         errors = squared_errors(model, btf, fitted, stage)
     with progress.stage("render", 1, "scene"):
         found = likeness(model, btf, device)
+        slices = slice_figures(model, source.fitted_part())
     peak = source.fitted_part().peak()
     table = _table(btf, errors, fitted)
     rest = source.held_out
@@ -103,6 +130,8 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
         "mssim": found.mssim,
         "mssim_by_light": dict(zip(found.spheres.titles, found.scores, strict=True)),
         "flip": _mean(flip(found.spheres)),
+        "sharpness": asdict(slices.sharpness),
+        "display": asdict(slices.display),
         "by_angle": _angle_figures(table),
         "worst_texels": worst_texels(errors, btf.width),
         "worst_pairs": worst_pairs(errors, btf, fitted),
@@ -111,7 +140,7 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
         "device": device_name(device),
         "versions": versions(),
     }
-    return Judgement(source, errors, table, held_out, found, figures)
+    return Judgement(source, errors, table, held_out, found, slices, figures)
 
 
 def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, float]]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter
 from torch import Tensor
 
-from .spheres import Spheres
+from .renderings import Renderings
 
 # Wang's window: a Gaussian of this deviation, 11 x 11 pixels [WBS*04 §III.B].
 SIGMA, WINDOW = 1.5, 11
@@ -17,14 +17,14 @@ CHANNELS = ("y", "cr", "cb")
 Score = dict[str, float]
 
 
-def mssim(spheres: Spheres) -> list[Score]:
+def mssim(spheres: Renderings) -> list[Score]:
     """The mean structural similarity of each pair of sphere pictures: `y`, `cr`, `cb`, `mean`.
 
     Pictures, lights, exposure and tone curve are those of `spheres`. Tone-mapped RGB in 0..1 is
     converted to full-range Y, Cr and Cb by the matrix of ITU-R BT.601. Each channel is compared
     with the parameters of [WBS*04]: a Gaussian window of 11 x 11 pixels and deviation 1.5,
     covariances divided by N, K1 = 0.01, K2 = 0.03 and a range of 1. The mean is taken over the
-    pixels whose whole window counts in `Spheres.counts`, which leaves out the background and the
+    pixels whose whole window counts in `Renderings.counts`, which leaves out the background and the
     unlit side, black in both pictures. `mean` is over the three channels.
     """
     scores = []

@@ -18,35 +18,16 @@ Everything is fixed, so that figures of different materials and models compare:
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass
-
 import torch
-from torch import Tensor
 
 from ..data import BTF
 from ..geometry.directions import direction_from_angles
 from ..model.spmm import SPMM
-from ..render import (
-    BTFMaterial,
-    Camera,
-    DirectionalLight,
-    Material,
-    RenderSettings,
-    Scene,
-    Sphere,
-    Texture,
-    encode_display,
-)
-from ..render.direct import delta_light_directions, lit_values
-from ..render.display import white_exposure
-from ..render.renderer import trace
-from ..runtime.memory import slices
+from ..render import Camera, DirectionalLight, RenderSettings, Scene, Sphere, Texture
+from .renderings import Renderings, compare
 
 SETTINGS = RenderSettings(size=192, samples=4)
 TEXELS_IN_HALF_TURN = 128
-# Hits that are evaluated at once: some hundred MB, less than the stages of a fit take.
-BLOCK_HITS = 1 << 15
 # Title of a light, its angle from the camera's axis, and its azimuth in the picture, counter-
 # clockwise from the right; degrees.
 LIGHTS = (
@@ -56,31 +37,7 @@ LIGHTS = (
 )
 
 
-@dataclass(frozen=True)
-class Spheres:
-    """Pairs of linear pictures under L lights.
-
-    Attributes:
-        titles: of the lights.
-        original, model: `[L, S, S, 3]`, row 0 at the top, on the CPU.
-        exposure: factor on both pictures of a pair, `[L]`.
-        counts: pixels that count, `[L, S, S]` bool.
-    """
-
-    titles: tuple[str, ...]
-    original: Tensor
-    model: Tensor
-    exposure: Tensor
-    counts: Tensor
-
-    def shown(self) -> tuple[Tensor, Tensor]:
-        """Display values in 0..1 of original and model, `[L, S, S, 3]`."""
-        factor = self.exposure[:, None, None, None]
-        return encode_display(self.original * factor), encode_display(self.model * factor)
-
-
-@torch.no_grad()
-def compare_spheres(model: SPMM, btf: BTF, device: torch.device | str = "cpu") -> Spheres:
+def compare_spheres(model: SPMM, btf: BTF, device: torch.device | str = "cpu") -> Renderings:
     """Renders a model and its BTF.
 
     Args:
@@ -89,44 +46,17 @@ def compare_spheres(model: SPMM, btf: BTF, device: torch.device | str = "cpu") -
         device: of the renderings.
     """
     texture = Texture(TEXELS_IN_HALF_TURN / btf.width, btf.width / btf.height)
-    placed = model if model.weight.device == torch.device(device) else copy.deepcopy(model)
-    materials = (BTFMaterial.build(btf, device, model.rule), placed.to(device), _white)
-    original, approximation, white = (
-        light_pictures(material, texture, device).cpu() for material in materials
-    )
-    counts = (white > 1.0 - 0.5 / SETTINGS.samples).all(-1)
-    exposure = [
-        white_exposure(picture[lit].numpy()) for picture, lit in zip(original, counts, strict=True)
-    ]
     titles = tuple(title for title, *_ in LIGHTS)
-    return Spheres(titles, original, approximation, torch.tensor(exposure), counts)
+    return compare(model, btf, sphere_scene(texture), SETTINGS, titles, device)
 
 
-def light_pictures(material: Material, texture: Texture, device: torch.device | str) -> Tensor:
-    """A picture of the sphere for each light, `[L, S, S, 3]`; all lights share a texel's reads."""
-    lights = sphere_lights()
-    scene = Scene(Sphere(texture), Camera.orthographic(), lights)
-    size = SETTINGS.size
-    total = torch.zeros(size * size, len(lights), 3, device=device)
-    generator = torch.Generator().manual_seed(SETTINGS.seed)
-    hits = trace(scene, SETTINGS, slice(0, size * size), generator, total)
-    for part in slices(len(hits), BLOCK_HITS):
-        block = hits[part]
-        wi, irradiance = delta_light_directions(block, lights)  # [N, L, 3]
-        total.index_add_(0, block.pixel, lit_values(material, block, wi) * irradiance)
-    return (total / SETTINGS.samples).view(size, size, -1, 3).permute(2, 0, 1, 3)
+def sphere_scene(texture: Texture) -> Scene:
+    """The sphere seen from the front, under the lights of `LIGHTS`."""
+    lights = tuple(directional_light(*degrees) for _, *degrees in LIGHTS)
+    return Scene(Sphere(texture), Camera.orthographic(), lights)
 
 
-def sphere_lights() -> tuple[DirectionalLight, ...]:
-    """The lights of `LIGHTS`."""
-    degrees = torch.tensor([angles for _, *angles in LIGHTS], dtype=torch.float64)
-    theta, phi = torch.deg2rad(degrees).unbind(-1)
-    return tuple(
-        DirectionalLight.build(direction)
-        for direction in direction_from_angles(theta, phi).tolist()
-    )
-
-
-def _white(uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
-    """A material of value 1, which shows the eye rays that meet the lit side."""
-    return torch.ones_like(wi)
+def directional_light(theta: float, phi: float) -> DirectionalLight:
+    """A light of unit irradiance from (theta, phi) in degrees, theta from +z of the world."""
+    angles = torch.deg2rad(torch.tensor([theta, phi], dtype=torch.float64))
+    return DirectionalLight.build(direction_from_angles(*angles).tolist())

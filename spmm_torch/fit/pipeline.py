@@ -10,7 +10,7 @@ import torch
 from ..config.fit import FitConfig
 from ..data import BTF
 from ..data.error_weights import Weights
-from ..evaluate import Likeness, likeness
+from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
 from ..report.contract import Report
 from ..report.summary import summarize, warning_of_failed_starts
@@ -25,7 +25,7 @@ from .mixtures import mix
 from .prune.ablation import ablate
 from .prune.auto import choose_models
 from .refit.stage import refit_pictures
-from .relief.align import align
+from .align import align
 from .search.lobes import search_lobes
 from .select.clusters import fit_texels
 
@@ -38,13 +38,13 @@ class FitResult:
         model: the mixture model, on the CPU.
         figures: errors, sizes and times.
         info: `labels [T]`, `samples [S]` and the number of `lobes_found`.
-        likeness: pictures of spheres and their MSSIM; None if they were not asked for.
+        looks: pictures and their scores; None if they were not asked for.
     """
 
     model: SPMM
     figures: Report
     info: dict[str, Any]
-    likeness: Likeness | None = None
+    looks: Looks | None = None
 
     @property
     def report(self) -> dict[str, Any]:
@@ -67,7 +67,8 @@ def fit(
         config: settings; the defaults are those of `configs/default.yaml`.
         context: of the run; None: device and seed of the settings, without messages.
         weights: of the errors; None: those of the settings.
-        render: whether to render spheres of both, for `mssim` of the report.
+        render: whether to make pictures of both, for `mssim`, `sharpness` and `display` of the
+            report.
 
     Raises:
         DataError: the BTF cannot be decoded or is not valid.
@@ -101,18 +102,20 @@ def fit(
         solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits, refit)),
         ablation=ablation,
         auto=choice.report() if choice else None,
-        mssim=pictures.mssim if pictures else None,
+        mssim=pictures.likeness.mssim if pictures else None,
+        sharpness=pictures.slices.sharpness if pictures else None,
+        display=pictures.slices.display if pictures else None,
     )
     info = {"labels": clusters.labels, "samples": samples.texels, "lobes_found": len(found.lobes)}
     return FitResult(model, figures, info, pictures)
 
 
-def _pictures(model: SPMM, btf: BTF, context: Context) -> Likeness | None:
-    """Pictures of spheres of model and BTF; None but on the first rank."""
+def _pictures(model: SPMM, btf: BTF, context: Context) -> Looks | None:
+    """Pictures of model and BTF; None but on the first rank."""
     if not context.ranks.is_first:
         return None
     with context.watch("evaluate"), context.progress.stage("render"):
-        return likeness(model, btf, context.device)
+        return looks(model, btf, context.device)
 
 
 def with_lobe_limit(config: FitConfig) -> FitConfig:

@@ -8,11 +8,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any, Self, get_type_hints
+from typing import Any, Self, TypeVar, get_type_hints
 
 FILE_NAME = "report.json"
+
+Built = TypeVar("Built")
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,44 @@ class MSSIM:
     cr: float | None = None
     cb: float | None = None
     mean: float | None = None
+
+
+@dataclass(frozen=True)
+class Sharpness:
+    """Shares of the original's gradient energy, in linear values.
+
+    Attributes:
+        from_above, all_views: that the model has, seen from above and over a sample of all views.
+        in_place_from_above, in_place_all_views: that it has where the original has it.
+    """
+
+    from_above: float | None = None
+    all_views: float | None = None
+    in_place_from_above: float | None = None
+    in_place_all_views: float | None = None
+
+
+@dataclass(frozen=True)
+class FLIP:
+    """Mean FLIP errors of slices, 0 for pictures that look the same."""
+
+    without_residual: float | None = None
+    with_residual: float | None = None
+
+
+@dataclass(frozen=True)
+class Display:
+    """What is seen of slices as 8-bit display values.
+
+    Attributes:
+        psnr_db: mean PSNR of the slices.
+        flip: mean FLIP error of some of them.
+        slices: how many.
+    """
+
+    psnr_db: PSNR = PSNR()
+    flip: FLIP = FLIP()
+    slices: int | None = None
 
 
 @dataclass(frozen=True)
@@ -104,6 +144,8 @@ class Report:
         psnr_db, snr_db: over all texels, measured pairs and channels.
         weighted_snr_db: by the weights of the fit; None where all values count alike.
         mssim: of the sphere pictures.
+        sharpness: shares of the gradients of slices.
+        display: PSNR and FLIP of slices on a display.
         lobes_by_model: entries of texels by BRDF, the most used one first.
         failed_starts: of the search.
         solvers: problems by solver and by how they ended: converged, limit, no_descent, not_finite.
@@ -132,6 +174,8 @@ class Report:
     snr_db: SNR
     weighted_snr_db: dict[str, float] | None
     mssim: MSSIM
+    sharpness: Sharpness
+    display: Display
     lobes_by_model: dict[str, int]
     failed_starts: FailedStarts
     solvers: dict[str, dict[str, int]]
@@ -155,17 +199,22 @@ class Report:
             ValueError: keys are missing or unknown; the text names all of them.
         """
         check_report(values)
-        groups = {key: kind(**values[key]) for key, kind in GROUPS.items()}
-        return cls(**{**values, **groups})
+        return _built(cls, values)
 
 
-def _groups() -> dict[str, type]:
-    """The fields of a report whose values are dataclasses, and their classes."""
-    hints = get_type_hints(Report)
-    return {key: kind for key, kind in hints.items() if hasattr(kind, "__dataclass_fields__")}
+def _groups(kind: type) -> dict[str, type]:
+    """The fields of a dataclass whose values are dataclasses, and their classes."""
+    hints: dict[str, type] = get_type_hints(kind)
+    return {key: each for key, each in hints.items() if is_dataclass(each)}
 
 
-GROUPS = _groups()
+def _built(kind: type[Built], values: Mapping[str, Any]) -> Built:
+    """The dataclass of values, and of those in them."""
+    groups = {key: _built(each, values[key]) for key, each in _groups(kind).items()}
+    return kind(**{**values, **groups})
+
+
+GROUPS = _groups(Report)
 # Every key in its order, with the keys below it; () for none, or for keys that vary.
 REPORT_KEYS: dict[str, tuple[str, ...]] = {
     each.name: tuple(part.name for part in fields(GROUPS[each.name])) if each.name in GROUPS else ()

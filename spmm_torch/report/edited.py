@@ -9,7 +9,17 @@ import torch
 
 from ..model.spmm import SPMM
 from ..render.display import display_codes, white_exposure
-from .contract import MSSIM, PSNR, SNR, Ablation, Report, Seconds, Sizes
+from .contract import (
+    MSSIM,
+    PSNR,
+    SNR,
+    Ablation,
+    Display,
+    Report,
+    Seconds,
+    Sharpness,
+    Sizes,
+)
 from .html import render_template
 from .maps import Maps, model_maps
 from .pairs import Pair, choose_pairs, directions_text
@@ -31,6 +41,8 @@ def edited_report(report: Report, model: SPMM) -> Report:
         psnr_db=PSNR(),
         snr_db=SNR(),
         mssim=MSSIM(),
+        sharpness=Sharpness(),
+        display=Display(),
         seconds=Seconds(),
         weighted_snr_db=None,
         error_without_model=Ablation(),

@@ -31,7 +31,7 @@ class ReportPage:
         report: the content of `report.json`.
         btf: that was fitted.
         slices: original and model at some direction pairs.
-        sections: shown after the slices.
+        sections: shown first.
         maps: clusters and lobes of the model.
     """
 
@@ -97,7 +97,7 @@ def write_html(
         report: the content of `report.json`.
         model: the fitted model; its directions are those of `btf`.
         btf: that it was fitted to.
-        sections: shown after the texture slices.
+        sections: shown before the figures.
 
     Raises:
         ValueError: keys of the report are missing or unknown.

@@ -18,7 +18,19 @@ from ..model.spmm import SPMM
 from ..runtime.context import Context
 from ..runtime.memory import peak_resident_memory
 from ..solvers.status import StatusCounts
-from .contract import MSSIM, PSNR, SNR, Ablation, FailedStarts, Report, Seconds, Sizes
+from .contract import (
+    MSSIM,
+    PSNR,
+    SNR,
+    Ablation,
+    Display,
+    FailedStarts,
+    Report,
+    Seconds,
+    Sharpness,
+    Sizes,
+)
+from .wording import decibels, fixed, percent
 
 
 def summarize(
@@ -33,6 +45,8 @@ def summarize(
     ablation: Ablation,
     auto: dict[str, Any] | None,
     mssim: dict[str, float] | None,
+    sharpness: Sharpness | None,
+    display: Display | None,
 ) -> Report:
     """All figures of a fit.
 
@@ -47,6 +61,7 @@ def summarize(
         ablation: SNR without each BRDF.
         auto: the choice of `--auto`.
         mssim: of the sphere pictures; None without pictures.
+        sharpness, display: of slices; None without pictures.
     """
     count = btf.texel_count * btf.measured_count * btf.channels
     peak = btf.peak()
@@ -70,6 +85,8 @@ def summarize(
         snr_db=SNR(**totals.snr_db()),
         weighted_snr_db=weighted.snr_db() if weighted else None,
         mssim=MSSIM(**mssim) if mssim else MSSIM(),
+        sharpness=sharpness or Sharpness(),
+        display=display or Display(),
         lobes_by_model=model.lobe_use_by_model(),
         failed_starts=failed_starts(starts),
         solvers=solvers.to_dict(),
@@ -101,14 +118,36 @@ def warning_of_failed_starts(starts: Tensor) -> str | None:
 
 
 def headline(report: Report) -> str:
-    """The result in one line."""
+    """The result in one line, and what pictures show in two more where there are any."""
     snr = report.snr_db
-    return (
+    line = (
         f"SNR {snr.without_residual:.2f} dB without residual, {snr.with_residual:.2f} dB "
         f"with it (bare cluster means {snr.cluster_mean:.2f} dB), "
         f"{report.mean_basis_per_texel:.1f} lobes a texel, "
         f"1:{report.compression_ratio:.0f}, {report.seconds.total:.1f} s"
     )
+    return "\n".join([line, *picture_lines(report.sharpness, report.display)])
+
+
+def picture_lines(sharpness: Sharpness, display: Display) -> list[str]:
+    """Sharpness in a line, and PSNR and FLIP on a display in another; none without slices."""
+    if display.slices is None:
+        return []
+    above, everywhere = (
+        f"{percent(share, 0)} ({percent(in_place, 0)} in place)"
+        for share, in_place in (
+            (sharpness.from_above, sharpness.in_place_from_above),
+            (sharpness.all_views, sharpness.in_place_all_views),
+        )
+    )
+    psnr, flip = display.psnr_db, display.flip
+    shown = (
+        f"on a display PSNR {decibels(psnr.without_residual)} without residual, "
+        f"{decibels(psnr.with_residual)} with it"
+    )
+    if flip.with_residual is not None:
+        shown += f", FLIP {fixed(flip.with_residual, 3)}"
+    return [f"sharpness {above} seen from above, {everywhere} over all views", shown]
 
 
 def peak_memory(device: torch.device) -> int:

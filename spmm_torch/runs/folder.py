@@ -203,7 +203,7 @@ def write_run(
     btf: BTF,
     sections: Sequence[Gallery] = (),
 ) -> None:
-    """Writes model, settings and both reports into `folder`; the page shows `sections` too."""
+    """Writes model, settings and both reports into `folder`; the page opens with `sections`."""
     write_atomic(folder / MODEL_FILE, model.pack())
     (folder / CONFIG).write_text(config.to_yaml(), encoding="utf-8")
     write_report(folder, report)

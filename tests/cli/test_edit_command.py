@@ -29,6 +29,8 @@ def run(tmp_path: Path) -> Path:
     folder = model_folder(tmp_path / "run", planted_model(rings=FEW_RINGS, residual=0.02))
     (folder / CONFIG).write_text("seed: 3\n")
     report = {key: dict.fromkeys(below, 1.0) if below else 7 for key, below in REPORT_KEYS.items()}
+    pair = dict.fromkeys(("without_residual", "with_residual"), 1.0)
+    report["display"] |= {"psnr_db": pair, "flip": pair}
     (folder / "report.json").write_text(json.dumps(report))
     return folder
 
@@ -60,8 +62,10 @@ def test_errors_of_the_fit_are_not_claimed(run: Path, tmp_path: Path) -> None:
     assert edit(run, "fig7", "-o", tmp_path / "out") == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     check_report(report)
-    for key in ("psnr_db", "snr_db", "mssim", "seconds"):
+    for key in ("psnr_db", "snr_db", "mssim", "sharpness", "seconds"):
         assert set(report[key].values()) == {None}
+    unknown = {"without_residual": None, "with_residual": None}
+    assert report["display"] == {"psnr_db": unknown, "flip": unknown, "slices": None}
     size = (tmp_path / "out" / MODEL_FILE).stat().st_size
     assert report["bytes"]["total"] == size
     assert report["total_basis"] == 12

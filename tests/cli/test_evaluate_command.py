@@ -78,6 +78,8 @@ def test_a_run_and_its_page(run: Path, tmp_path: Path, capsys: pytest.CaptureFix
     assert len(images) == 3 * 3 + 1 + 3 * 4  # spheres, map of texels, worst pairs
     assert images["Map of the error of each texel"].shape == (6, 6, 3)
     assert f"{found['mssim']['mean']:.3f}" in page.text
+    assert f"{100.0 * found['sharpness']['from_above']:.0f} %" in page.text
+    assert f"{found['display']['psnr_db']['with_residual']:.2f} dB" in page.text
 
 
 def test_the_worst_pair_is_the_worst(run: Path, source: Path, tmp_path: Path) -> None:

@@ -116,6 +116,9 @@ def test_report(run: Path, report: dict[str, Any], sample: Path, btf: BTF, model
     assert sum(report["lobes_by_model"].values()) == int(counts.sum())
     assert report["psnr_peak"] == 1.0
     assert all(0.0 < value < 1.0 for value in report["mssim"].values())
+    assert all(0.0 < value < 1.0 for value in report["sharpness"].values())
+    psnr = report["display"]["psnr_db"]
+    assert 0.0 < psnr["without_residual"] < psnr["with_residual"]
     assert (report["device"][:3], report["seed"]) == ("cpu", 0)
     seconds = report["seconds"]
     assert sum(seconds.values()) <= 2.0 * seconds["total"]  # the stages and the total itself

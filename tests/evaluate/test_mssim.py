@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 import torch
 
-from spmm_torch.evaluate.flip import flip
 from spmm_torch.evaluate.mssim import WINDOW, mean_score, mssim, ssim_map, y_cr_cb
-from spmm_torch.evaluate.spheres import Spheres
+from spmm_torch.evaluate.renderings import Renderings
 
 SIZE = 40
 
 
-def pictures(noise: float, seed: int = 0) -> Spheres:
+def pictures(noise: float, seed: int = 0) -> Renderings:
     """Smooth pictures, the model's with noise; a disk of them counts."""
     generator = torch.Generator().manual_seed(seed)
     axis = torch.linspace(-1.0, 1.0, SIZE)
@@ -22,7 +21,7 @@ def pictures(noise: float, seed: int = 0) -> Spheres:
     original = 0.5 + 0.3 * torch.stack((x, torch.sin(9.0 * y), x * y), dim=-1)[None]
     model = original + noise * torch.randn(original.shape, generator=generator)
     counts = (x * x + y * y < 0.9)[None]
-    return Spheres(("light",), original, model, torch.ones(1), counts)
+    return Renderings(("light",), original, model, model, torch.ones(1), counts)
 
 
 def test_equal_pictures_have_1() -> None:
@@ -65,15 +64,3 @@ def test_pixels_that_do_not_count_change_nothing() -> None:
 def test_the_mean_is_over_pictures() -> None:
     scores = [dict.fromkeys(("y", "cr", "cb", "mean"), value) for value in (0.5, 0.7)]
     assert mean_score(scores) == pytest.approx(dict.fromkeys(("y", "cr", "cb", "mean"), 0.6))
-
-
-def test_flip_is_0_for_equal_pictures_and_grows() -> None:
-    pytest.importorskip("flip_evaluator", reason="needs the extra eval")
-    errors = [flip(pictures(noise))[0] for noise in (0.0, 0.02, 0.2)]
-    assert errors[0] == pytest.approx(0.0, abs=1e-6)
-    assert errors[0] < errors[1] < errors[2] < 1.0
-
-
-def test_flip_is_unknown_without_its_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "flip_evaluator", None)
-    assert flip(pictures(0.1)) is None

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from spmm_torch.evaluate import spheres
-from spmm_torch.evaluate.spheres import LIGHTS, compare_spheres, light_pictures, sphere_lights
+from spmm_torch.evaluate.renderings import light_pictures
+from spmm_torch.evaluate.spheres import LIGHTS, compare_spheres, sphere_scene
 from spmm_torch.geometry.directions import MIRROR
 from spmm_torch.model.relief import Relief
 from spmm_torch.render import RenderSettings, Texture
@@ -26,14 +27,15 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_lambertian_sphere_is_as_bright_as_it_should_be() -> None:
-    pictures = light_pictures(Lambertian((1.0, 0.5, 0.2)), Texture(), "cpu")
+    scene = sphere_scene(Texture())
+    pictures = light_pictures(Lambertian((1.0, 0.5, 0.2)), scene, spheres.SETTINGS, "cpu")
     assert pictures.shape == (len(LIGHTS), SIZE, SIZE, 3)
     axis = (2.0 * (torch.arange(SIZE) + 0.5) / SIZE - 1.0) * 1.05
     y, x = torch.meshgrid(-axis, axis, indexing="ij")
     z = torch.sqrt((1.0 - x * x - y * y).clamp(min=0.0))
     normal = torch.stack((x, y, z), dim=-1)
     inside = x * x + y * y < 0.8
-    for picture, light in zip(pictures, sphere_lights(), strict=True):
+    for picture, light in zip(pictures, scene.lights, strict=True):
         cosine = (normal @ light.direction.float()).clamp(min=0.0)
         error = (picture[..., 0] - cosine / math.pi)[inside].abs()
         assert float(error.max()) < 0.03  # eye rays are spread over their pixel

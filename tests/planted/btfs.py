@@ -8,7 +8,7 @@ from torch import Tensor
 
 from spmm_torch import BTF, SPMM
 from spmm_torch.geometry.directions import ring_directions
-from tests.planted.models import planted_model
+from tests.planted.models import measured_values, planted_model
 
 COARSE_RINGS = ((0.0, 1), (20.0, 5), (40.0, 6), (60.0, 8))
 
@@ -64,6 +64,11 @@ def tabulated(model: SPMM) -> BTF:
     values = torch.zeros(model.texel_count, rho.shape[1], 3)
     values.index_add_(0, texel, model.weight[:, None] * rho[model.index, :, None])
     return texel_btf(values, model.light, model.view, model.height)
+
+
+def measured(model: SPMM) -> BTF:
+    """The BTF of a whole model at its own directions; its residual must not be negative."""
+    return texel_btf(measured_values(model), model.light, model.view, model.height, model.name)
 
 
 def rough_btf(size: int = 6, scale: float = 0.1, seed: int = 3) -> BTF:

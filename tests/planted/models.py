@@ -141,6 +141,12 @@ def with_relief(model: SPMM, relief: Relief | None = None) -> SPMM:
     return with_parts(model, relief=relief or planted_relief(model.height, model.width))
 
 
+def with_residual(size: int, rings: tuple[tuple[float, int], ...] = FEW_RINGS) -> SPMM:
+    """A model of size x size texels with three lobes each and a residual that is not negative."""
+    directions = ring_directions(rings)
+    return uneven_model([3] * size**2, size, directions, directions)
+
+
 @torch.no_grad()
 def measured_values(model: SPMM, residual: bool = True) -> Tensor:
     """The values `[T, D, C]` of a model at its own direction pairs, picture by picture."""

@@ -10,16 +10,11 @@ from spmm_torch.brdf import PAPER_MODELS
 from spmm_torch.data import BTF
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.model.spmm import SPMM
-from tests.planted.btfs import texel_btf
-from tests.planted.models import measured_values, uneven_model
+from tests.planted.btfs import measured
+from tests.planted.models import uneven_model
 
 CLUSTERS, NAMES = 4, 2 * PAPER_MODELS
 NAME = '<b>"wool" & felt</b>'
-
-
-def btf_of(model: SPMM) -> BTF:
-    values = measured_values(model)
-    return texel_btf(values, model.light, model.view, model.height, model.name)
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +28,7 @@ def model() -> SPMM:
 @pytest.fixture(scope="session")
 def btf(model: SPMM) -> BTF:
     """What the model is exact for."""
-    return btf_of(model)
+    return measured(model)
 
 
 @pytest.fixture(params=[0, 3])
@@ -41,7 +36,7 @@ def one_texel(request: pytest.FixtureRequest) -> tuple[SPMM, BTF]:
     """A single texel, without lobes too."""
     directions = ring_directions(((0.0, 1), (45.0, 8)))
     small = uneven_model([request.param], 1, directions, directions, names=NAMES, name=NAME)
-    return small, btf_of(small)
+    return small, measured(small)
 
 
 @pytest.fixture
@@ -64,6 +59,17 @@ def report() -> dict[str, Any]:
         "snr_db": {"without_residual": 13.98, "with_residual": 26.02, "cluster_mean": 21.5},
         "weighted_snr_db": None,
         "mssim": {"y": None, "cr": None, "cb": None, "mean": None},
+        "sharpness": {
+            "from_above": 0.42,
+            "all_views": 0.35,
+            "in_place_from_above": 0.31,
+            "in_place_all_views": 0.22,
+        },
+        "display": {
+            "psnr_db": {"without_residual": 21.25, "with_residual": 24.5},
+            "flip": {"without_residual": 0.151, "with_residual": 0.112},
+            "slices": 48,
+        },
         "lobes_by_model": {"lambertian": 40, "ward": 20},
         "failed_starts": {"starts": 5120, "count": 3, "not_finite": 1, "no_descent": 2},
         "solvers": {

@@ -16,6 +16,12 @@ def test_a_full_report_passes(report: dict[str, Any]) -> None:
     check_report(report)
 
 
+def test_values_below_values_come_back(report: dict[str, Any]) -> None:
+    found = Report.from_dict(report)
+    assert found.to_dict() == report
+    assert found.display.psnr_db.with_residual == report["display"]["psnr_db"]["with_residual"]
+
+
 def test_every_missing_and_unknown_key_is_named(report: dict[str, Any]) -> None:
     del report["seed"], report["snr_db"]["cluster_mean"]
     report["speed"] = 1.0

@@ -7,7 +7,7 @@ import copy
 import io
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from spmm_torch.report import write_html
 from spmm_torch.report.maps import model_maps
 from spmm_torch.report.pairs import choose_pairs
 from spmm_torch.report.slices import slice_snr, take_slices
+from spmm_torch.report.views import Gallery
 
 Write = Callable[..., str]
 # Elements without an end tag.
@@ -70,9 +71,14 @@ class Page(HTMLParser):
 def write(tmp_path: Path, report: dict[str, Any], model: SPMM, btf: BTF) -> Write:
     """Writes a page and reads it; any part may be given."""
 
-    def run(report: dict[str, Any] = report, model: SPMM = model, btf: BTF = btf) -> str:
+    def run(
+        report: dict[str, Any] = report,
+        model: SPMM = model,
+        btf: BTF = btf,
+        sections: Sequence[Gallery] = (),
+    ) -> str:
         path = tmp_path / "report.html"
-        write_html(path, report, model, btf)
+        write_html(path, report, model, btf, sections)
         return path.read_text(encoding="utf-8")
 
     return run
@@ -87,6 +93,12 @@ def test_the_page_nests_and_refers_to_nothing_outside(write: Write) -> None:
     assert not names & {"script", "link", "iframe", "object"}
     assert all("data:" in given["src"] for _, given in page.elements if "src" in given)
     assert not any("href" in given for _, given in page.elements)
+
+
+def test_sections_stand_before_every_figure(write: Write) -> None:
+    text = write(sections=[Gallery("Original and model", "a note", ())])
+    assert text.index("Original and model") < text.index('class="card"')
+    assert text.index('class="card"') < text.index("Texture slices")
 
 
 def test_names_are_escaped(write: Write, btf: BTF, report: dict[str, Any]) -> None:
@@ -143,6 +155,8 @@ def test_maps_show_labels_and_lobe_counts(write: Write, model: SPMM) -> None:
 def test_figures_of_the_report_are_shown(write: Write, report: dict[str, Any]) -> None:
     report["snr_db"] = {"without_residual": 6.43, "with_residual": 7.5, "cluster_mean": 6.75}
     shown = " ".join(Page(write()).text)
+    for expected in ("42 %", "31 % in place", "24.50 dB", "lobes 21.25 dB", "0.112"):
+        assert expected in shown
     for expected in ("7.50 dB", "6.43 dB", "6.75 dB", "+0.75 dB", "33.6 s", "Compression time"):
         assert expected in shown
 
