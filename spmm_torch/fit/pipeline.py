@@ -17,6 +17,7 @@ from ..report.summary import summarize, warning_of_failed_starts
 from ..runtime.context import Context
 from ..runtime.device import full_precision
 from ..solvers.status import StatusCounts
+from .align import align
 from .assemble import assemble
 from .cluster import cluster_texels, sample_texels
 from .dictionary import build_dictionary
@@ -25,7 +26,6 @@ from .mixtures import mix
 from .prune.ablation import ablate
 from .prune.auto import choose_models
 from .refit.stage import refit_pictures
-from .align import align
 from .search.lobes import search_lobes
 from .select.clusters import fit_texels
 

@@ -75,6 +75,4 @@ def rearranged(model: SPMM, origin: Tensor) -> SPMM:
     if relief is not None:
         relief = relief.with_heights(relief.heights(model.texel_count)[origin])
     labels = model.labels[origin]
-    return with_parts(
-        model, weights=weights, labels=labels, components=components, relief=relief
-    )
+    return with_parts(model, weights=weights, labels=labels, components=components, relief=relief)

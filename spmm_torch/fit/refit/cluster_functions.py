@@ -91,7 +91,7 @@ def left_over(
             value += torch.einsum("tr,rlc->tlc", coefficient, functions[view])
         picture = pictures.views(view, view + 1)[:, 0].to(device)
         if lookups.pixel is not None:
-            picture = picture * lookups.pixel[view][:, None, None]
+            picture = picture * lookups.pixel[:, None, None]
         drawn = lookups.drawn(view)
         left = picture.flatten(1) - drawn @ value.flatten(1)
         seen = drawn @ member  # [T, K]

@@ -46,9 +46,7 @@ def residual_functions(problem: Problem, lobes: LobeBatch, entries: SparseWeight
     return functions.view(btf.channels, btf.pair_count, rank).permute(1, 2, 0).contiguous()
 
 
-def left_over(
-    problem: Problem, lobes: LobeBatch, entries: SparseWeights, texels: Tensor
-) -> Tensor:
+def left_over(problem: Problem, lobes: LobeBatch, entries: SparseWeights, texels: Tensor) -> Tensor:
     """What the lobes leave of the aligned values of `texels [n]`, by weight: `[n, C D]`."""
     own = entries.of(texels.to(entries.index.device))
     rho = problem.grid().eval(lobes)  # [J, D]

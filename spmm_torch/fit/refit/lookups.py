@@ -28,7 +28,7 @@ class Lookups:
         weight: of each of them, `[V, T, 4]`, times the square root of the weight of the pixel.
         height, width: texels of the texture.
         mixed: whether a pixel may show several texels.
-        pixel: square roots of the weights of the pixels `[V, T]`; None: all 1.
+        pixel: square roots of the weights of the pixels, `[T]`; None: all 1.
     """
 
     texel: Tensor
@@ -46,8 +46,6 @@ class Lookups:
         drift: Tensor | None,
         importance: Tensor | None,
         device: torch.device,
-        *,
-        hidden: bool,
     ) -> Lookups:
         """The lookups through a relief.
 
@@ -57,33 +55,24 @@ class Lookups:
             drift: registration of each picture, `[V, 2]`; None: 0.
             importance: weights of the pixels, `[T]`; None: 1.
             device: where the lookups lie.
-            hidden: whether pixels that show what lies beyond the patch have weight 0.
         """
         count, mixed = field.height.numel(), bool((field.height != 0.0).any()) or drift is not None
+        pixel = None if importance is None else importance.float().sqrt()
         own = torch.arange(count, dtype=torch.int32)[:, None].expand(count, 4)
         alone = torch.tensor((1.0, 0.0, 0.0, 0.0)).expand(count, 4)
-        texels, weights, pixels = [], [], []
+        texels, weights = [], []
         for v in range(len(view)):  # a view has texels enough to fill a device
-            texel, weight, inside = own, alone, None
+            texel, weight = own, alone
             if mixed:
                 moved = None if drift is None else drift[v : v + 1]
                 found = field.footprint(view[v : v + 1], moved)
                 texel, weight = found.texel[0].int(), found.weight[0].float()
-                inside = found.inside[0] if hidden else None
-            pixel = inside if importance is None else importance.float()
-            if inside is not None and importance is not None:
-                pixel = importance.float() * inside
-            if pixel is not None:
-                pixels.append(pixel.float().sqrt())
-                weight = weight * pixels[-1][:, None]
             texels.append(texel)
-            weights.append(weight)
+            weights.append(weight if pixel is None else weight * pixel[:, None])
+        pixel = None if pixel is None else pixel.to(device)
+        size = field.height.shape
         return cls(
-            torch.stack(texels).to(device),
-            torch.stack(weights).to(device),
-            *field.height.shape,
-            mixed,
-            torch.stack(pixels).to(device) if pixels else None,
+            torch.stack(texels).to(device), torch.stack(weights).to(device), *size, mixed, pixel
         )
 
     def squared(self, view: int, values: Tensor) -> Tensor:

@@ -89,7 +89,7 @@ def project(
             if scale is not None:
                 picture = picture * scale.view(lookups.views, -1, 1)[view]
             if lookups.pixel is not None:
-                picture = picture * lookups.pixel[view][:, None, None]
+                picture = picture * lookups.pixel[:, None, None]
             sums += _sums(picture, labels.to(device))
             seen = (lookups.gathered(view) @ picture.flatten(1)).view_as(picture)  # [T, L, C]
             _add_lobes(lobes, seen, rho[view], entries)

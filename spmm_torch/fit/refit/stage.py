@@ -14,7 +14,6 @@ import torch
 from torch import Tensor
 
 from ...data.error_weights import UNIFORM, Weights
-from ...geometry.directions import MIRROR
 from ...lobes.batch import LobeBatch
 from ...metrics import Totals, snr_db
 from ...model.components import decode_coefficients, encode_coefficients, encode_functions
@@ -120,7 +119,7 @@ def refit_pictures(
         return _as_found(problem, found, fits)
     lobes = found.lobes.to(problem.device)
     entries = by_lobe(SparseWeights(*(x.to(problem.device) for x in vars(found.entries).values())))
-    passes = 1 + _needs_plain(problem) + config.residual.clusters
+    passes = 2 - problem.weights.uniform + config.residual.clusters
     total = passes * len(problem.btf.view)
     with problem.context.progress.stage("pictures", total, "views") as advance:
         return _refit(problem, clusters.labels, lobes, entries, advance)
@@ -164,7 +163,7 @@ def _refit(
     with context.watch("evaluate"):
         weighted = system.totals(entries, stored)
         totals = weighted
-        if _needs_plain(problem):
+        if not problem.weights.uniform:
             totals = setup.system(entries, UNIFORM).totals(entries, stored)
     own = None
     if config.residual.clusters:
@@ -195,16 +194,6 @@ def _functions(problem: Problem, lobes: LobeBatch, entries: SparseWeights) -> Te
         functions = gaps.filled(functions.flatten(1)).view(functions.shape)
     shape = (len(btf.view), len(btf.light))
     return functions.unflatten(0, shape).transpose(1, 2).contiguous()
-
-
-def _needs_plain(problem: Problem) -> bool:
-    """Whether errors of the fit count otherwise than those of the report."""
-    return not problem.weights.uniform or _hides_pixels(problem)
-
-
-def _hides_pixels(problem: Problem) -> bool:
-    """Whether pixels show what lies beyond the patch, which does not repeat."""
-    return problem.relief is not None and problem.relief.rule == MIRROR
 
 
 @dataclass(frozen=True)
@@ -240,7 +229,6 @@ class Setup:
             None if problem.relief is None else problem.relief.drift,
             weights.of_texels(slice(None)),
             problem.device,
-            hidden=weights is problem.weights and _hides_pixels(problem),
         )
 
     def scale(self, weights: Weights) -> Tensor | None:
@@ -318,7 +306,7 @@ class Setup:
         by_weight = fitted.error(values, self.scale(weights))
         weighted = replace(weighted, with_residual=by_weight)
         plain = by_weight
-        if _needs_plain(problem):
+        if not problem.weights.uniform:
             plain = left(UNIFORM).error(values, self.scale(UNIFORM))
         return (code.cpu(), scale.cpu()), replace(totals, with_residual=plain), weighted
 
