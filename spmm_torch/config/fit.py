@@ -278,6 +278,9 @@ class RefitConfig:
     steps: int = setting(
         40, "maximum number of steps that weights, and then the residual, are refit", low=0
     )
+    sweeps: int = setting(
+        2, "number of times that functions and coefficients of the residual are fit in turn", low=1
+    )
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ from .problem import Problem
 
 # Columns of the random matrix beyond the components asked for [HMT11, §4.2].
 OVERSAMPLING = 8
+# Coordinates for each component of the residual, whose coefficients start from them.
+SPAN = 2
 # Bound of the relative rounding error of principal coordinates: texels closer than this are equal,
 # so equal texels stay equal whatever their blocks.
 COORDINATE_ROUNDING = 1e-5
@@ -34,34 +36,48 @@ class Clusters:
 
     Attributes:
         points: principal coordinates of the texels, `[T, P]`.
+        functions: the functions of which these are coordinates, weighted, `[D, P, C]`.
         labels: cluster of each texel, `[T]`, 0 to K - 1; no cluster is empty.
         members: ascending texel indices `[n]` of each cluster.
         solvers: how k-means ended.
     """
 
     points: Tensor
+    functions: Tensor
     labels: Tensor
     members: list[Tensor]
     solvers: StatusCounts
 
     @classmethod
     def of_labels(
-        cls, points: Tensor, labels: Tensor, solvers: StatusCounts | None = None
+        cls,
+        points: Tensor,
+        functions: Tensor,
+        labels: Tensor,
+        solvers: StatusCounts | None = None,
     ) -> Clusters:
-        """The clusters of `labels [T]`, 0 to K - 1, of texels with `points [T, P]`."""
+        """The clusters of labels from 0 to K - 1.
+
+        Args:
+            points: coordinates of the texels, `[T, P]`.
+            functions: of these coordinates, `[D, P, C]`.
+            labels: cluster of each texel, `[T]`.
+            solvers: how k-means ended; None: it was not run.
+        """
         count = int(labels.max()) + 1
         members = [torch.nonzero(labels == k).squeeze(1) for k in range(count)]
-        return cls(points, labels, members, solvers or StatusCounts.none())
+        return cls(points, functions, labels, members, solvers or StatusCounts.none())
 
     def to_tensors(self) -> dict[str, Tensor]:
-        """Tensors for a checkpoint: `points [T, P]`, `labels [T]` and the counts of `solvers`."""
-        return {"points": self.points, "labels": self.labels, "solvers": self.solvers.table}
+        """Tensors for a checkpoint: `points [T, P]`, `labels [T]` and others by their names."""
+        own = {name: getattr(self, name) for name in ("points", "functions", "labels")}
+        return {**own, "solvers": self.solvers.table}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> Clusters:
         """The clusters of a checkpoint; see `Clusters.to_tensors`."""
         solvers = StatusCounts(tensors["solvers"])
-        return cls.of_labels(tensors["points"], tensors["labels"], solvers)
+        return cls.of_labels(tensors["points"], tensors["functions"], tensors["labels"], solvers)
 
 
 @dataclass(frozen=True)
@@ -98,18 +114,20 @@ def _clusters(problem: Problem, advance: Advance) -> Clusters:
     """k-means of the principal coordinates, by the first rank for all."""
     btf, config, context = problem.btf, problem.config.cluster, problem.context
     generator = context.generator("cluster")
-    points = principal_points(problem, generator, advance)
+    points, functions = principal_points(problem, generator, advance)
+    near = points[:, : config.components]
     found = context.ranks.first(
         lambda: kmeans(
-            points,
+            near,
             min(config.count, btf.texel_count),
             generator,
             iterations=config.iterations,
-            resolution=COORDINATE_ROUNDING * points.norm(dim=1),
+            resolution=COORDINATE_ROUNDING * near.norm(dim=1),
             weights=problem.weights.of_texels(slice(None)),
         )
     )
-    return Clusters.of_labels(points, found.labels, StatusCounts.of(Solver.KMEANS, found.status))
+    ended = StatusCounts.of(Solver.KMEANS, found.status)
+    return Clusters.of_labels(points, functions, found.labels, ended)
 
 
 def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None:
@@ -120,14 +138,17 @@ def warning_of_fewer_clusters(count: int, asked: int, texels: int) -> str | None
     return f"warning: cluster.count lowered from {asked} to {count}, there are {cause}"
 
 
-def principal_points(problem: Problem, generator: torch.Generator, advance: Advance) -> Tensor:
-    """Coordinates `[T, P]` of the texels on their leading right singular vectors.
+def principal_points(
+    problem: Problem, generator: torch.Generator, advance: Advance
+) -> tuple[Tensor, Tensor]:
+    """(coordinates of the texels `[T, P]`, their leading right singular vectors `[D, P, C]`).
 
     They are found by a randomized range finder with one power iteration [HMT11, Alg. 4.4]. k-means
     then works on P coordinates instead of D * C values. `advance` receives 2 T in all.
     """
     btf, ranks, device = problem.btf, problem.context.ranks, problem.device
-    components = problem.config.cluster.components
+    config = problem.config
+    components = max(config.cluster.components, SPAN * config.residual.rank)
     width = btf.pair_count * btf.channels
     rank = min(components + OVERSAMPLING, btf.texel_count, width)
     probe = torch.randn(btf.pair_count, btf.channels, rank, generator=generator)
@@ -149,7 +170,9 @@ def principal_points(problem: Problem, generator: torch.Generator, advance: Adva
     points = ranks.sum(points)  # each row is zero on all ranks but one
     spread = _weighted(problem.weights, points, slice(None))
     rotation = torch.linalg.svd(spread, full_matrices=False).Vh.T
-    return (points @ rotation)[:, :components]
+    turned = (basis.cpu() @ rotation)[:, :components]  # [C D, P]
+    functions = turned.view(btf.channels, btf.pair_count, -1).permute(1, 2, 0)
+    return (points @ rotation)[:, :components], functions.contiguous()
 
 
 def _weighted(weights: Weights, rows: Tensor, texels: slice) -> Tensor:
@@ -164,7 +187,8 @@ def sample_texels(problem: Problem, clusters: Clusters) -> Samples:
     texels, owners, counts = [], [], []
     for cluster, members in enumerate(clusters.members):
         count = min(problem.config.sample.per_cluster, len(members))
-        points, own = clusters.points[members], weights.of_texels(members)
+        points = clusters.points[members, : problem.config.cluster.components]
+        own = weights.of_texels(members)
         resolution = COORDINATE_ROUNDING * points.norm(dim=1)
         strata = kmeans(points, count, generator, resolution=resolution, weights=own)
         counts.append(StatusCounts.of(Solver.KMEANS, strata.status))

@@ -31,11 +31,15 @@ class LeftOver:
         products: P_v^T E_v, `[V, K, L, C]`.
         gram: P_v^T P_v, `[V, K, K]`.
         energy: sum of E^2 over pixels, `[V, L, C]` float64.
+        value: sum of the squares of the pictures, `[V, L, C]` float64.
+        means: of n ||mean||^2 of the pixels of each cluster, `[V, L, C]` float64.
     """
 
     products: Tensor
     gram: Tensor
     energy: Tensor
+    value: Tensor
+    means: Tensor
 
     def functions(self) -> Tensor:
         """The functions of least error, `[K, V, L, C]`."""
@@ -45,14 +49,34 @@ class LeftOver:
         found = torch.linalg.solve((self.gram + ridge).double(), self.products.flatten(2).double())
         return found.to(self.products).view_as(self.products).transpose(0, 1)
 
-    def error(self, functions: Tensor, scale: Tensor | None) -> float:
-        """Squared error that functions `[K, V, L, C]` leave, pairs by `scale [D]`^2."""
-        own = functions.transpose(0, 1).flatten(2)  # [V, K, L C]
-        change = (own * (self.gram @ own - 2.0 * self.products.flatten(2))).double().sum(1)
-        left = self.energy + change.view_as(self.energy)  # [V, L, C]
-        if scale is not None:
-            left = left * scale.double().square().view(*left.shape[:2], 1)
-        return max(float(left.sum()), 0.0)
+    def error(self, functions: Tensor | None, scale: Tensor | None) -> float:
+        """Squared error that functions leave, with pairs weighted.
+
+        Args:
+            functions: `[K, V, L, C]`; None: none.
+            scale: square roots of the weights of pairs, `[D]`; None: 1.
+        """
+        left = self.energy  # [V, L, C]
+        if functions is not None:
+            own = functions.transpose(0, 1).flatten(2)  # [V, K, L C]
+            change = (own * (self.gram @ own - 2.0 * self.products.flatten(2))).double().sum(1)
+            left = left + change.view_as(left)
+        return _total(left, scale)
+
+    def value_energy(self, scale: Tensor | None) -> float:
+        """Sum of the squares of the pictures, weighted as in `error`."""
+        return _total(self.value, scale)
+
+    def mean_error(self, scale: Tensor | None) -> float:
+        """Squared error of the mean of each cluster, weighted as in `error`."""
+        return _total(self.value - self.means, scale)
+
+
+def _total(squares: Tensor, scale: Tensor | None) -> float:
+    """The sum of `squares [V, L, C]`, weighted by `scale [D]` squared."""
+    if scale is not None:
+        squares = squares * scale.double().square().view(*squares.shape[:2], 1)
+    return max(float(squares.sum()), 0.0)
 
 
 def left_over(
@@ -83,7 +107,8 @@ def left_over(
     views, clusters = lookups.views, member.shape[1]
     products = torch.zeros(views, clusters, *shape, device=device)
     gram = torch.zeros(views, clusters, clusters, device=device)
-    energy = torch.zeros(views, *shape, dtype=torch.float64, device=device)
+    energy, value_energy, means = torch.zeros(3, views, *shape, dtype=torch.float64, device=device)
+    count = member.sum(0)
     for view in ranks.share(torch.arange(views)).tolist():
         value = lobe_values(entries, rho[view])  # [T, L, C]
         if components is not None:
@@ -98,8 +123,12 @@ def left_over(
         products[view] = (seen.T @ left).view(-1, *shape)
         gram[view] = seen.T @ seen
         energy[view] = left.double().square().sum(0).view(shape)
+        value_energy[view] = picture.double().square().sum(0)
+        total = (member.T @ picture.flatten(1)).double()  # [K, L C]
+        means[view] = (total.square() / count[:, None]).sum(0).view(shape)
         advance(ranks.size)
-    return LeftOver(ranks.sum(products), ranks.sum(gram), ranks.sum(energy))
+    parts = (products, gram, energy, value_energy, means)
+    return LeftOver(*(ranks.sum(part) for part in parts))
 
 
 def lobe_values(entries: SparseWeights, rho: Tensor) -> Tensor:

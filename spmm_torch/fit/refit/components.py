@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
@@ -16,56 +14,55 @@ RIDGE = 1e-4
 CONVERGED = 1e-6
 
 
-@dataclass(frozen=True)
-class Basis:
-    """R functions on all pairs, and what they have in common with each other and the lobes.
+def first_coefficients(
+    points: Tensor, functions: Tensor, entries: SparseWeights, rho: Tensor, rank: int
+) -> Tensor:
+    """First coefficients `[T, R]`: the leading left singular vectors of what the lobes leave.
 
-    Attributes:
-        functions: B with the weights of pairs, `[V, R, L, C]`.
-        gram: <B_r(v, .), B_s(v, .)>, `[V, R, R]`.
-        lobes: <rho_j(v, .), B_r(v, ., c)>, `[V, J, C, R]`.
+    Args:
+        points: principal coordinates of the aligned values, `[T, P]`.
+        functions: of these coordinates, `[D, P, C]`.
+        entries: fit of all texels.
+        rho: values of the lobes, `[J, D]`; weighted, as the functions are.
+        rank: R.
     """
-
-    functions: Tensor
-    gram: Tensor
-    lobes: Tensor
-
-    @classmethod
-    def build(cls, functions: Tensor, rho: Tensor) -> Basis:
-        """The basis of functions `[V, R, L, C]` beside lobes `rho [V, J, L]`."""
-        flat = functions.flatten(2)
-        lobes = torch.einsum("vjl,vrlc->vjcr", rho, functions)
-        return cls(functions, flat @ flat.transpose(1, 2), lobes)
+    lobes = torch.einsum("jd,dpc->jcp", rho, functions)
+    left = points.double() - _spread(entries, lobes).double()
+    return torch.linalg.svd(left, full_matrices=False).U[:, :rank].to(points.dtype)
 
 
-def seen_lobes(entries: SparseWeights, basis: Basis, lookups: Lookups) -> Tensor:
-    """Products of the functions with what the lobes show, as seen by the pictures, `[T, R]`."""
-    shape = (len(entries.offset) - 1, basis.gram.shape[1])
-    total = torch.zeros(shape, dtype=torch.float64, device=entries.weight.device)
-    for view in range(lookups.views):
-        total += lookups.squared(view, _spread(entries, basis.lobes[view]))
-    return total
+def gram_by_view(functions: Tensor, scale: Tensor | None) -> Tensor:
+    """<B_r(v, .), B_s(v, .)>, `[V, R, R]`.
+
+    Args:
+        functions: B without the weights of pairs, `[V, R, L, C]`.
+        scale: square roots of the weights of pairs, `[D]`; None: 1.
+    """
+    if scale is not None:
+        functions = functions * scale.view(len(functions), 1, -1, 1)
+    flat = functions.flatten(2)
+    return flat @ flat.transpose(1, 2)
 
 
-def seen(coefficient: Tensor, basis: Basis, lookups: Lookups) -> Tensor:
+def seen(coefficient: Tensor, gram: Tensor, lookups: Lookups) -> Tensor:
     """The normal matrix of the coefficients times `coefficient [T, R]`."""
     total = torch.zeros_like(coefficient)
     for view in range(lookups.views):
-        total += lookups.squared(view, coefficient @ basis.gram[view])
+        total += lookups.squared(view, coefficient @ gram[view])
     return total
 
 
-def coefficients(rhs: Tensor, basis: Basis, lookups: Lookups, steps: int) -> Tensor:
+def coefficients(rhs: Tensor, gram: Tensor, lookups: Lookups, steps: int) -> Tensor:
     """Coefficients `[T, R]` of the functions, by conjugate gradients.
 
     Args:
         rhs: products of the functions with what the lobes leave of the pictures, `[T, R]`.
-        basis: the functions.
+        gram: products of the functions with each other, `[V, R, R]`; see `gram_by_view`.
         lookups: what each pixel shows.
         steps: most products with the normal matrix.
     """
     share = lookups.weight.square().sum((1, 2)) / lookups.weight.shape[1]  # [V]
-    mean = torch.einsum("v,vrs->rs", share, basis.gram)
+    mean = torch.einsum("v,vrs->rs", share, gram)
     ridge = RIDGE * mean.diagonal().mean().clamp(min=torch.finfo(mean.dtype).tiny)
     inverse = torch.linalg.inv((mean + ridge * torch.eye(len(mean)).to(mean)).double()).to(mean)
     rhs = rhs.to(mean)
@@ -76,7 +73,7 @@ def coefficients(rhs: Tensor, basis: Basis, lookups: Lookups, steps: int) -> Ten
     for _ in range(steps):
         if not bool(size > CONVERGED * first):
             break
-        along = seen(step, basis, lookups)
+        along = seen(step, gram, lookups)
         reach = size / (step * along).sum().clamp(min=tiny)
         found = found + reach * step
         left = left - reach * along

@@ -1,6 +1,6 @@
-"""The one pass over the pictures that a refit needs: their products with lobes and functions.
+"""The pass over the pictures that gives their products with the lobes.
 
-All else is algebra of these products: weights, coefficients and exact errors.
+Weights and exact errors are algebra of these products.
 """
 
 from __future__ import annotations
@@ -30,25 +30,23 @@ class Projections:
 
     Attributes:
         lobes: sum_v < rho_j(v, .), (W_v^T Y_v)[q, .] > of each entry (q, j), `[N, C]` float64.
-        functions: the same with P functions B_p, summed over channels, `[T, P]` float64.
         energy: sum of squares of all pictures.
         means: sum over clusters of n ||mean||^2, the energy of the cluster means.
     """
 
     lobes: Tensor
-    functions: Tensor
     energy: float
     means: float
 
     def to_tensors(self) -> dict[str, Tensor]:
-        """Tensors for a checkpoint: `lobes [N, C]`, `functions [T, P]` and `sums [2]`."""
+        """Tensors for a checkpoint: `lobes [N, C]` and `sums [2]`."""
         sums = torch.tensor((self.energy, self.means), dtype=torch.float64)
-        return {"lobes": self.lobes, "functions": self.functions, "sums": sums}
+        return {"lobes": self.lobes, "sums": sums}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> Projections:
         """The products of a checkpoint; see `Projections.to_tensors`."""
-        return cls(tensors["lobes"], tensors["functions"], *tensors["sums"].tolist())
+        return cls(tensors["lobes"], *tensors["sums"].tolist())
 
 
 def project(
@@ -57,7 +55,6 @@ def project(
     lookups: Lookups,
     entries: SparseWeights,
     rho: Tensor,
-    functions: Tensor,
     labels: Tensor,
     ranks: Ranks,
     advance: Callable[[int], object],
@@ -70,14 +67,12 @@ def project(
         lookups: what each pixel shows, with the weights of pixels.
         entries: lobes of all texels; weights are not read.
         rho: values of the lobes with the weights of pairs, `[V, J, L]`.
-        functions: P functions with the weights of pairs, `[V, P, L, C]`.
         labels: clusters of the texels, `[T]`.
         ranks: processes among which the views are divided.
         advance: called with the number of views done.
     """
     device, channels = rho.device, pictures.channels
     lobes = torch.zeros(len(entries.index), channels, dtype=torch.float64, device=device)
-    found = torch.zeros(len(labels), functions.shape[1], dtype=torch.float64, device=device)
     sums = torch.zeros(2, dtype=torch.float64)
     mine = ranks.share(torch.arange(lookups.views)).tolist()
     size = max(1, READ_BYTES // (4 * pictures.texel_count * rho.shape[2] * channels))
@@ -93,10 +88,9 @@ def project(
             sums += _sums(picture, labels.to(device))
             seen = (lookups.gathered(view) @ picture.flatten(1)).view_as(picture)  # [T, L, C]
             _add_lobes(lobes, seen, rho[view], entries)
-            found += seen.flatten(1) @ functions[view].flatten(1).T
         advance(len(views) * ranks.size)
     energy, means = ranks.sum(sums).tolist()
-    return Projections(ranks.sum(lobes), ranks.sum(found), energy, means)
+    return Projections(ranks.sum(lobes), energy, means)
 
 
 def _sums(picture: Tensor, labels: Tensor) -> Tensor:

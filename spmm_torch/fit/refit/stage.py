@@ -9,14 +9,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
 
-from ...data.error_weights import UNIFORM, Weights
 from ...lobes.batch import LobeBatch
 from ...metrics import Totals, snr_db
-from ...model.components import decode_coefficients, encode_coefficients, encode_functions
+from ...model.components import (
+    decode_coefficients,
+    decode_functions,
+    encode_coefficients,
+    encode_functions,
+)
 from ...model.lookup import SparseWeights
 from ...model.residual import decode_residual, encode_residual
 from ...model.stored_weights import WEIGHT_TYPES, by_lobe, rounded
@@ -28,11 +33,11 @@ from ..problem import Problem
 from ..residual.missing import MissingPairs
 from ..select.clusters import PRECISIONS, ClusterFit
 from .cluster_functions import LeftOver, left_over
-from .components import Basis, coefficients, seen, seen_lobes
-from .functions import residual_functions
+from .components import coefficients, first_coefficients, gram_by_view, seen
 from .lookups import Lookups
 from .normal import NormalMatrix, normal_matrix
 from .projections import Projections, project
+from .sweep import Swept, sweep
 
 # Largest loss by rounding the weights to their stored type: less than any figure shows.
 MAX_ROUNDING_DB = 0.02
@@ -74,13 +79,11 @@ class System:
         lookups: what each pixel shows.
         normal: normal matrix of the entries.
         products: of the pictures.
-        basis: R functions beside the lobes.
     """
 
     lookups: Lookups
     normal: NormalMatrix
     products: Projections
-    basis: Basis
 
     def error(self, weight: Tensor) -> float:
         """Squared error of the lobes alone with weights `[N, C]`."""
@@ -88,18 +91,40 @@ class System:
         value = (weight.double() * (product - 2.0 * self.products.lobes)).sum()
         return max(self.products.energy + float(value), 0.0)
 
-    def residual_products(self, entries: SparseWeights) -> Tensor:
-        """Products `[T, R]` float64 of the functions with what the lobes leave."""
-        return self.products.functions - seen_lobes(entries, self.basis, self.lookups)
-
-    def totals(self, entries: SparseWeights, coefficient: Tensor) -> Totals:
-        """Squared errors of a fit with coefficients `[T, R]`."""
-        along = 2.0 * self.residual_products(entries)
-        along = along - seen(coefficient, self.basis, self.lookups).double()
-        taken = float((coefficient.double() * along).sum())
-        without, energy = self.error(entries.weight), self.products.energy
+    def totals(self, weight: Tensor, taken: float) -> Totals:
+        """Squared errors with weights `[N, C]`, of which the residual takes some away."""
+        without, energy = self.error(weight), self.products.energy
         mean = max(energy - self.products.means, 0.0)
         return Totals(energy, without, max(without - taken, 0.0), mean)
+
+
+@dataclass(frozen=True)
+class RankResidual:
+    """The residual of rank R as a file holds it, and what it takes off the squared error.
+
+    Attributes:
+        code: of the functions, `[R, V, L, C]`.
+        scale: of the functions, `[R, V]`.
+        coefficient: codes `[T, R]`.
+        coefficient_scale: `[R]`.
+        taken: squared error, by weight.
+    """
+
+    code: Tensor
+    scale: Tensor
+    coefficient: Tensor
+    coefficient_scale: Tensor
+    taken: float
+
+    @property
+    def functions(self) -> Tensor:
+        """B `[V, R, L, C]`."""
+        return decode_functions(self.code, self.scale).transpose(0, 1)
+
+    @property
+    def coefficients(self) -> Tensor:
+        """c `[T, R]`."""
+        return decode_coefficients(self.coefficient, self.coefficient_scale)
 
 
 def refit_pictures(
@@ -119,10 +144,10 @@ def refit_pictures(
         return _as_found(problem, found, fits)
     lobes = found.lobes.to(problem.device)
     entries = by_lobe(SparseWeights(*(x.to(problem.device) for x in vars(found.entries).values())))
-    passes = 2 - problem.weights.uniform + config.residual.clusters
+    passes = 1 + config.refit.sweeps + 2 * (not problem.weights.uniform) + config.residual.clusters
     total = passes * len(problem.btf.view)
     with problem.context.progress.stage("pictures", total, "views") as advance:
-        return _refit(problem, clusters.labels, lobes, entries, advance)
+        return _refit(problem, clusters, lobes, entries, advance)
 
 
 def _as_found(problem: Problem, found: Mixtures, fits: list[ClusterFit]) -> Refit:
@@ -143,172 +168,192 @@ def _as_found(problem: Problem, found: Mixtures, fits: list[ClusterFit]) -> Refi
 
 
 def _refit(
-    problem: Problem, labels: Tensor, lobes: LobeBatch, entries: SparseWeights, advance: Advance
+    problem: Problem, clusters: Clusters, lobes: LobeBatch, entries: SparseWeights, advance: Advance
 ) -> Refit:
-    """`refit_pictures` by one pass over the pictures, or some more."""
+    """`refit_pictures` by some passes over the pictures."""
     context, config = problem.context, problem.config
-    setup = Setup(problem, lobes, labels, _functions(problem, lobes, entries), advance)
+    uniform = problem.weights.uniform
+    setup = Setup(problem, lobes, clusters.labels, advance)
     with context.watch("refit"):
-        system = setup.system(entries, problem.weights)
+        system = setup.system(entries)
         entries, solvers = _weights(system, entries, config.refit.steps)
         kind, entries = _stored(config.storage.weights, system, entries)
-    with context.watch("residual"):
-        found = coefficients(
-            system.residual_products(entries), system.basis, system.lookups, config.refit.steps
-        )
-        code, scale = encode_coefficients(found)
-        stored = decode_coefficients(code, scale)
-        functions = setup.functions.transpose(0, 1)  # [R, V, L, C]
-        components = (*encode_functions(functions, torch.float16), code, scale)
-    with context.watch("evaluate"):
-        weighted = system.totals(entries, stored)
-        totals = weighted
-        if not problem.weights.uniform:
-            totals = setup.system(entries, UNIFORM).totals(entries, stored)
-    own = None
+    components, own, taken = None, None, 0.0
+    if config.residual.rank:
+        with context.watch("residual"):
+            components = setup.residual(entries, clusters, system.lookups)
+            taken = components.taken
     if config.residual.clusters:
         with context.watch("residual"):
-            own, totals, weighted = setup.clusters(entries, (functions, stored), totals, weighted)
-    return Refit(
-        entries,
-        kind,
-        totals,
-        None if problem.weights.uniform else weighted,
-        solvers,
-        components if config.residual.rank else None,
-        own,
+            own, taken = setup.clusters(entries, components, system)
+    weighted = totals = system.totals(entries.weight, taken)
+    if not uniform:
+        with context.watch("evaluate"):
+            totals = setup.plain_totals(entries, components, own)
+    coded = components and (
+        components.code,
+        components.scale,
+        components.coefficient,
+        components.coefficient_scale,
     )
-
-
-def _functions(problem: Problem, lobes: LobeBatch, entries: SparseWeights) -> Tensor:
-    """The functions of the residual without the weights of pairs, `[V, R, L, C]`.
-
-    At missing pairs they are interpolated, as the residual of a cluster is.
-    """
-    btf, scale = problem.btf, problem.weights.scale(problem.device)
-    functions = residual_functions(problem, lobes, entries)  # [D, R, C]
-    if scale is not None:
-        functions = functions / torch.where(scale > 0.0, scale, 1.0)[:, None, None]
-    gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
-    if gaps is not None:
-        functions = gaps.filled(functions.flatten(1)).view(functions.shape)
-    shape = (len(btf.view), len(btf.light))
-    return functions.unflatten(0, shape).transpose(1, 2).contiguous()
+    return Refit(entries, kind, totals, None if uniform else weighted, solvers, coded, own)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What all systems of a refit have in common.
+    """What all passes of a refit have in common.
 
     Attributes:
         problem: of the fit.
         lobes: J lobes, on its device.
         labels: clusters of the texels, `[T]`.
-        functions: R functions without weights of pairs, `[V, R, L, C]`.
         advance: called with the number of views done.
     """
 
     problem: Problem
     lobes: LobeBatch
     labels: Tensor
-    functions: Tensor
     advance: Advance
 
+    @cached_property
     def rho(self) -> Tensor:
         """Values of the lobes without weights of pairs, `[V, J, L]`."""
         values = self.problem.grid().unscaled.eval(self.lobes)
         views = len(self.problem.btf.view)
         return values.view(len(values), views, -1).transpose(0, 1).contiguous()
 
-    def lookups(self, weights: Weights) -> Lookups:
-        """What each pixel shows, with the weights of pixels."""
+    @cached_property
+    def scale(self) -> Tensor | None:
+        """Square roots of the weights of pairs, `[D]`; None: 1."""
+        return self.problem.weights.scale(self.problem.device)
+
+    def lookups(self, importance: Tensor | None) -> Lookups:
+        """What each pixel shows, with weights of pixels `[T]`; None: 1."""
         problem = self.problem
-        return Lookups.build(
-            problem.field(),
-            problem.btf.view,
-            None if problem.relief is None else problem.relief.drift,
-            weights.of_texels(slice(None)),
-            problem.device,
-        )
+        drift = None if problem.relief is None else problem.relief.drift
+        return Lookups.build(problem.field(), problem.btf.view, drift, importance, problem.device)
 
-    def scale(self, weights: Weights) -> Tensor | None:
-        """Scale of every pair, `[D]`; 0 where nothing was measured; None: 1."""
-        measured = self.problem.btf.measured
-        if weights.uniform and measured is not None:
-            return measured.to(self.problem.device).float()
-        return weights.scale(self.problem.device)
-
-    def system(self, entries: SparseWeights, weights: Weights) -> System:
-        """The system of some weights, which may be uniform; by a pass over the pictures."""
-        problem, scale = self.problem, self.scale(weights)
-        rho, functions = self.rho(), self.functions
-        if scale is not None:
-            by_view = scale.view(len(rho), -1)
-            rho = rho * by_view[:, None]
-            functions = functions * by_view[:, None, :, None]
-        lookups = self.lookups(weights)
+    def system(self, entries: SparseWeights) -> System:
+        """The system of the weights, by a pass over the pictures."""
+        problem, rho = self.problem, self.rho
+        if self.scale is not None:
+            rho = rho * self.scale.view(len(rho), 1, -1)
+        lookups = self.lookups(problem.weights.of_texels(slice(None)))
         products = problem.context.once(
-            "pictures" if weights is problem.weights else "pictures-plain",
+            "pictures",
             Projections,
             lambda: project(
                 problem.pictures,
-                scale,
+                self.scale,
                 lookups,
                 entries,
                 rho,
-                functions,
                 self.labels,
                 problem.context.ranks,
                 self.advance,
             ),
         )
-        normal = normal_matrix(entries, rho, lookups)
-        return System(lookups, normal, products, Basis.build(functions, rho))
+        return System(lookups, normal_matrix(entries, rho, lookups), products)
+
+    def residual(
+        self, entries: SparseWeights, clusters: Clusters, lookups: Lookups
+    ) -> RankResidual:
+        """The residual of rank R, by alternating least squares from principal coordinates.
+
+        At missing pairs functions are interpolated, as the residual of a cluster is.
+        """
+        problem, config = self.problem, self.problem.config
+        found = first_coefficients(
+            clusters.points.to(problem.device),
+            clusters.functions.to(problem.device),
+            entries,
+            problem.grid().eval(self.lobes),
+            config.residual.rank,
+        )
+        for number in range(config.refit.sweeps):
+            swept = problem.context.once(
+                f"sweep-{number}",
+                Swept,
+                lambda found=found: sweep(
+                    problem.pictures,
+                    self.scale,
+                    lookups,
+                    entries,
+                    self.rho,
+                    found,
+                    problem.context.ranks,
+                    self.advance,
+                ),
+            )
+            gram = gram_by_view(swept.functions, self.scale)
+            found = coefficients(swept.products, gram, lookups, config.refit.steps)
+        code, scale = encode_coefficients(found)
+        stored = decode_coefficients(code, scale)
+        along = 2.0 * swept.products - seen(stored, gram, lookups).double()
+        functions = self._filled(swept.functions.transpose(0, 1))
+        taken = float((stored.double() * along).sum())
+        return RankResidual(*encode_functions(functions, torch.int8), code, scale, taken)
 
     def clusters(
+        self, entries: SparseWeights, components: RankResidual | None, system: System
+    ) -> tuple[tuple[Tensor, Tensor], float]:
+        """Residuals of the clusters, and what they and the components take off the squared error.
+
+        Returns:
+            ((codes `[K, V, L, C]`, scales `[K]`), squared error by weight).
+        """
+        problem = self.problem
+        left = self._left(entries, components, system.lookups)
+        functions = self._filled(left.functions())
+        code, scale = encode_residual(functions, PRECISIONS[problem.config.residual.precision])
+        error = left.error(decode_residual(code, scale), self.scale)
+        return (code.cpu(), scale.cpu()), system.error(entries.weight) - error
+
+    def plain_totals(
         self,
         entries: SparseWeights,
-        components: tuple[Tensor, Tensor],
-        totals: Totals,
-        weighted: Totals,
-    ) -> tuple[tuple[Tensor, Tensor], Totals, Totals]:
-        """Codes `[K, V, L, C]` and scales `[K]` of the residuals of the clusters, and the errors.
+        components: RankResidual | None,
+        clusters: tuple[Tensor, Tensor] | None,
+    ) -> Totals:
+        """Squared errors without any weights, over all measured values."""
+        measured = self.problem.btf.measured
+        scale = None if measured is None else measured.to(self.problem.device).float()
+        lookups = self.lookups(None)
+        alone = self._left(entries, None, lookups)
+        without = whole = alone.error(None, scale)
+        if components is not None or clusters is not None:
+            left = self._left(entries, components, lookups)
+            own = None
+            if clusters is not None:
+                own = decode_residual(*clusters).to(self.problem.device)
+            whole = left.error(own, scale)
+        return Totals(alone.value_energy(scale), without, whole, alone.mean_error(scale))
 
-        Args:
-            entries: fit of all texels.
-            components: functions `[R, V, L, C]` and coefficients `[T, R]`.
-            totals, weighted: errors without the residual of the clusters.
-        """
-        problem, weights = self.problem, self.problem.weights
-        functions, coefficient = components
-        own = (functions.transpose(0, 1), coefficient) if len(functions) else None
+    def _left(
+        self, entries: SparseWeights, components: RankResidual | None, lookups: Lookups
+    ) -> LeftOver:
+        """What lobes and components leave of the pictures."""
+        own = None if components is None else (components.functions, components.coefficients)
+        return left_over(
+            self.problem.pictures,
+            lookups,
+            entries,
+            self.rho,
+            self.labels,
+            self.problem.context.ranks,
+            self.advance,
+            components=own,
+        )
 
-        def left(of: Weights) -> LeftOver:
-            return left_over(
-                problem.pictures,
-                self.lookups(of),
-                entries,
-                self.rho(),
-                self.labels,
-                problem.context.ranks,
-                self.advance,
-                components=own,
-            )
-
-        fitted = left(weights)
-        found = fitted.functions()
-        gaps = MissingPairs.of(problem.btf.measured, problem.btf.light, problem.btf.view)
-        if gaps is not None:
-            rows = found.flatten(1, 2).transpose(0, 1)  # [D, K, C]
-            found = gaps.filled(rows.flatten(1)).view_as(rows).transpose(0, 1).view_as(found)
-        code, scale = encode_residual(found, PRECISIONS[problem.config.residual.precision])
-        values = decode_residual(code, scale)
-        by_weight = fitted.error(values, self.scale(weights))
-        weighted = replace(weighted, with_residual=by_weight)
-        plain = by_weight
-        if not problem.weights.uniform:
-            plain = left(UNIFORM).error(values, self.scale(UNIFORM))
-        return (code.cpu(), scale.cpu()), replace(totals, with_residual=plain), weighted
+    def _filled(self, functions: Tensor) -> Tensor:
+        """Functions `[R, V, L, C]` with their values at missing pairs interpolated."""
+        btf = self.problem.btf
+        gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
+        if gaps is None:
+            return functions
+        rows = functions.flatten(1, 2).transpose(0, 1)  # [D, R, C]
+        filled = gaps.filled(rows.flatten(1)).view(rows.shape)
+        return filled.transpose(0, 1).reshape(functions.shape)
 
 
 def _weights(

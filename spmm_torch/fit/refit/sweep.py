@@ -1,0 +1,95 @@
+"""One turn of alternating least squares: functions of the residual for given coefficients.
+
+A pair of directions tells its own value of every function, apart from all other pairs. So the pass
+that fits the functions of a view also gives their products with the pictures of that view, from
+which the next coefficients follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...data import BTF
+from ...model.lookup import SparseWeights
+from ...runtime.ranks import Ranks
+from .cluster_functions import lobe_values
+from .lookups import Lookups
+
+# Ridge relative to the mean diagonal: views that show little leave functions undetermined.
+RIDGE = 1e-4
+
+
+@dataclass(frozen=True)
+class Swept:
+    """Functions of least error for some coefficients.
+
+    Attributes:
+        functions: without the weights of pairs, `[V, R, L, C]`.
+        products: sum_v < B_r(v, .), (W_v^T E_v)[q, .] > with what the lobes leave, with the weights
+            of pairs, `[T, R]` float64.
+    """
+
+    functions: Tensor
+    products: Tensor
+
+    def to_tensors(self) -> dict[str, Tensor]:
+        """Tensors for a checkpoint: `functions [V, R, L, C]` and `products [T, R]`."""
+        return dict(vars(self))
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> Swept:
+        """The functions of a checkpoint; see `Swept.to_tensors`."""
+        return cls(**tensors)
+
+
+def sweep(
+    pictures: BTF,
+    scale: Tensor | None,
+    lookups: Lookups,
+    entries: SparseWeights,
+    rho: Tensor,
+    coefficient: Tensor,
+    ranks: Ranks,
+    advance: Callable[[int], object],
+) -> Swept:
+    """Reads all pictures once; every rank has a part of the views.
+
+    Args:
+        pictures: as they were measured.
+        scale: square roots of the weights of pairs, `[D]`; None: 1.
+        lookups: what each pixel shows, with the weights of pixels.
+        entries: fit of all texels.
+        rho: values of the lobes without weights of pairs, `[V, J, L]`.
+        coefficient: c, `[T, R]`.
+        ranks: processes among which the views are divided.
+        advance: called with the number of views done.
+    """
+    device, rank = rho.device, coefficient.shape[1]
+    lights, channels = len(pictures.light), pictures.channels
+    functions = torch.zeros(lookups.views, rank, lights, channels, device=device)
+    products = torch.zeros(coefficient.shape, dtype=torch.float64, device=device)
+    for view in ranks.share(torch.arange(lookups.views)).tolist():
+        picture = pictures.views(view, view + 1)[:, 0].to(device)
+        if lookups.pixel is not None:
+            picture = picture * lookups.pixel[:, None, None]
+        drawn = lookups.drawn(view)
+        left = picture.flatten(1) - drawn @ lobe_values(entries, rho[view]).flatten(1)
+        seen = drawn @ coefficient  # [T, R]
+        found = _solved(seen.T @ seen, seen.T @ left).view(rank, lights, channels)
+        functions[view] = found
+        if scale is not None:
+            found = found * scale.view(-1, lights)[view].square()[:, None]
+        products += lookups.gathered(view) @ (left @ found.flatten(1).T)
+        advance(ranks.size)
+    return Swept(ranks.sum(functions), ranks.sum(products))
+
+
+def _solved(gram: Tensor, rhs: Tensor) -> Tensor:
+    """The solution `[R, N]` of normal equations `[R, R]`, with a ridge."""
+    ridge = RIDGE * gram.diagonal().mean().clamp(min=torch.finfo(gram.dtype).tiny)
+    matrix = gram + ridge * torch.eye(len(gram)).to(gram)
+    return torch.linalg.solve(matrix.double(), rhs.double()).to(rhs)
