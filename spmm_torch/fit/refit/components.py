@@ -83,6 +83,47 @@ def coefficients(rhs: Tensor, gram: Tensor, lookups: Lookups, steps: int) -> Ten
     return found
 
 
+def lobe_kernel(functions: Tensor, rho: Tensor, scale: Tensor | None) -> Tensor:
+    """<rho_j(v, .), B_r(v, ., c)>, `[V, J, C, R]`.
+
+    Args:
+        functions: B without the weights of pairs, `[V, R, L, C]`.
+        rho: values of the lobes, `[V, J, L]`.
+        scale: square roots of the weights of pairs, `[D]`; None: 1.
+    """
+    if scale is not None:
+        rho = rho * scale.view(len(rho), 1, -1).square()
+    return torch.einsum("vjl,vrlc->vjcr", rho, functions)
+
+
+def seen_by_lobes(
+    coefficient: Tensor, kernel: Tensor, lookups: Lookups, entries: SparseWeights
+) -> Tensor:
+    """Products of each entry with what the components show, `[N, C]` float64.
+
+    Args:
+        coefficient: c, `[T, R]`.
+        kernel: see `lobe_kernel`.
+        lookups: what each pixel shows.
+        entries: lobes of all texels; weights are not read.
+    """
+    texel = torch.repeat_interleave(entries.offset[1:] - entries.offset[:-1])
+    total = torch.zeros(len(texel), kernel.shape[2], dtype=torch.float64, device=kernel.device)
+    for view in range(lookups.views):
+        seen = lookups.squared(view, coefficient)[texel]  # [N, R]
+        total += torch.einsum("ncr,nr->nc", kernel[view][entries.index], seen)
+    return total
+
+
+def seen_by_components(entries: SparseWeights, kernel: Tensor, lookups: Lookups) -> Tensor:
+    """Products of each texel's functions with what the lobes show, `[T, R]` float64."""
+    shape = (len(entries.offset) - 1, kernel.shape[3])
+    total = torch.zeros(shape, dtype=torch.float64, device=kernel.device)
+    for view in range(lookups.views):
+        total += lookups.squared(view, _spread(entries, kernel[view]))
+    return total
+
+
 def _spread(entries: SparseWeights, lobes: Tensor) -> Tensor:
     """Sum of alpha * lobes[j, c] over lobes and channels, `[T, R]`, given `lobes [J, C, R]`."""
     count = entries.offset[1:] - entries.offset[:-1]

@@ -7,6 +7,7 @@ is the residual; errors are exact and of the pictures too.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -32,8 +33,17 @@ from ..mixtures import Mixtures
 from ..problem import Problem
 from ..residual.missing import MissingPairs
 from ..select.clusters import PRECISIONS, ClusterFit
+from ..select.target import residual_weight
 from .cluster_functions import LeftOver, left_over
-from .components import coefficients, first_coefficients, gram_by_view, seen
+from .components import (
+    coefficients,
+    first_coefficients,
+    gram_by_view,
+    lobe_kernel,
+    seen,
+    seen_by_components,
+    seen_by_lobes,
+)
 from .lookups import Lookups
 from .normal import NormalMatrix, normal_matrix
 from .projections import Projections, project
@@ -90,6 +100,21 @@ class System:
         product = (self.normal.matrix @ weight).double()
         value = (weight.double() * (product - 2.0 * self.products.lobes)).sum()
         return max(self.products.energy + float(value), 0.0)
+
+    def fitted(
+        self, entries: SparseWeights, rhs: Tensor, steps: int
+    ) -> tuple[SparseWeights, StatusCounts]:
+        """The weights of least error for products `rhs [N, C]`, and how their solver ended."""
+        solved = sparse_nnls(
+            self.normal.matrix,
+            self.normal.diagonal,
+            rhs.float(),
+            entries.weight,
+            steps=steps,
+            tolerance=TOLERANCE,
+        )
+        counts = StatusCounts.of(Solver.SPARSE_NNLS, solved.status)
+        return replace(entries, weight=solved.weights), counts
 
     def totals(self, weight: Tensor, taken: float) -> Totals:
         """Squared errors with weights `[N, C]`, of which the residual takes some away."""
@@ -177,11 +202,16 @@ def _refit(
     with context.watch("refit"):
         system = setup.system(entries)
         entries, solvers = _weights(system, entries, config.refit.steps)
+    turns = Turns.start(setup, system, clusters, entries) if config.residual.rank else None
+    for number in range(config.refit.sweeps if turns else 0):
+        turns = turns.next(number)
+    with context.watch("refit"):
+        entries = turns.entries if turns else entries
         kind, entries = _stored(config.storage.weights, system, entries)
     components, own, taken = None, None, 0.0
-    if config.residual.rank:
+    if turns is not None:
         with context.watch("residual"):
-            components = setup.residual(entries, clusters, system.lookups)
+            components = turns.stored(entries)
             taken = components.taken
     if config.residual.clusters:
         with context.watch("residual"):
@@ -255,45 +285,6 @@ class Setup:
         )
         return System(lookups, normal_matrix(entries, rho, lookups), products)
 
-    def residual(
-        self, entries: SparseWeights, clusters: Clusters, lookups: Lookups
-    ) -> RankResidual:
-        """The residual of rank R, by alternating least squares from principal coordinates.
-
-        At missing pairs functions are interpolated, as the residual of a cluster is.
-        """
-        problem, config = self.problem, self.problem.config
-        found = first_coefficients(
-            clusters.points.to(problem.device),
-            clusters.functions.to(problem.device),
-            entries,
-            problem.grid().eval(self.lobes),
-            config.residual.rank,
-        )
-        for number in range(config.refit.sweeps):
-            swept = problem.context.once(
-                f"sweep-{number}",
-                Swept,
-                lambda found=found: sweep(
-                    problem.pictures,
-                    self.scale,
-                    lookups,
-                    entries,
-                    self.rho,
-                    found,
-                    problem.context.ranks,
-                    self.advance,
-                ),
-            )
-            gram = gram_by_view(swept.functions, self.scale)
-            found = coefficients(swept.products, gram, lookups, config.refit.steps)
-        code, scale = encode_coefficients(found)
-        stored = decode_coefficients(code, scale)
-        along = 2.0 * swept.products - seen(stored, gram, lookups).double()
-        functions = self._filled(swept.functions.transpose(0, 1))
-        taken = float((stored.double() * along).sum())
-        return RankResidual(*encode_functions(functions, torch.int8), code, scale, taken)
-
     def clusters(
         self, entries: SparseWeights, components: RankResidual | None, system: System
     ) -> tuple[tuple[Tensor, Tensor], float]:
@@ -304,7 +295,7 @@ class Setup:
         """
         problem = self.problem
         left = self._left(entries, components, system.lookups)
-        functions = self._filled(left.functions())
+        functions = self.filled(left.functions())
         code, scale = encode_residual(functions, PRECISIONS[problem.config.residual.precision])
         error = left.error(decode_residual(code, scale), self.scale)
         return (code.cpu(), scale.cpu()), system.error(entries.weight) - error
@@ -345,7 +336,7 @@ class Setup:
             components=own,
         )
 
-    def _filled(self, functions: Tensor) -> Tensor:
+    def filled(self, functions: Tensor) -> Tensor:
         """Functions `[R, V, L, C]` with their values at missing pairs interpolated."""
         btf = self.problem.btf
         gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
@@ -356,22 +347,125 @@ class Setup:
         return filled.transpose(0, 1).reshape(functions.shape)
 
 
+@dataclass(frozen=True)
+class Turns:
+    """Functions and coefficients of the residual, and weights of the lobes, fit in turn.
+
+    Attributes:
+        setup, system: of the refit.
+        entries: fit of all texels.
+        coefficient: c, `[T, R]`.
+        swept: functions for earlier coefficients; None before the first turn.
+    """
+
+    setup: Setup
+    system: System
+    entries: SparseWeights
+    coefficient: Tensor
+    swept: Swept | None = None
+
+    @classmethod
+    def start(
+        cls, setup: Setup, system: System, clusters: Clusters, entries: SparseWeights
+    ) -> Turns:
+        """Coefficients from the principal coordinates of what the lobes leave."""
+        problem = setup.problem
+        with problem.context.watch("residual"):
+            first = first_coefficients(
+                clusters.points.to(problem.device),
+                clusters.functions.to(problem.device),
+                entries,
+                problem.grid().eval(setup.lobes),
+                problem.config.residual.rank,
+            )
+        return cls(setup, system, entries, first)
+
+    def next(self, number: int) -> Turns:
+        """The state after another turn, by a pass over the pictures."""
+        problem, lookups = self.setup.problem, self.system.lookups
+        with problem.context.watch("residual"):
+            swept = problem.context.once(
+                f"sweep-{number}",
+                Swept,
+                lambda: sweep(
+                    problem.pictures,
+                    self.setup.scale,
+                    lookups,
+                    self.entries,
+                    self.setup.rho,
+                    self.coefficient,
+                    problem.context.ranks,
+                    self.setup.advance,
+                ),
+            )
+            found = replace(self, swept=swept)
+            found = replace(found, coefficient=found._coefficients(swept.products))
+        return found._beside_residual() if problem.config.residual.joint else found
+
+    def stored(self, entries: SparseWeights) -> RankResidual:
+        """The residual as a file holds it, beside lobes whose weights were rounded."""
+        products = self._products(entries)
+        code, scale = encode_coefficients(self._coefficients(products))
+        stored = decode_coefficients(code, scale)
+        along = 2.0 * products - seen(stored, self._gram, self.system.lookups).double()
+        taken = float((stored.double() * along).sum())
+        functions = self.setup.filled(self._functions.transpose(0, 1))
+        return RankResidual(*encode_functions(functions, torch.int8), code, scale, taken)
+
+    @property
+    def _functions(self) -> Tensor:
+        """B without the weights of pairs, `[V, R, L, C]`."""
+        assert self.swept is not None
+        return self.swept.functions
+
+    @cached_property
+    def _gram(self) -> Tensor:
+        return gram_by_view(self._functions, self.setup.scale)
+
+    @cached_property
+    def _kernel(self) -> Tensor:
+        return lobe_kernel(self._functions, self.setup.rho, self.setup.scale)
+
+    def _coefficients(self, products: Tensor) -> Tensor:
+        """The coefficients of least error, `[T, R]`, given products with what the lobes leave."""
+        steps = self.setup.problem.config.refit.steps
+        return coefficients(products, self._gram, self.system.lookups, steps)
+
+    def _products(self, entries: SparseWeights) -> Tensor:
+        """Products `[T, R]` of the functions with what the lobes of `entries` leave."""
+        assert self.swept is not None
+        change = replace(entries, weight=entries.weight - self.entries.weight)
+        return self.swept.products - seen_by_components(change, self._kernel, self.system.lookups)
+
+    def _beside_residual(self) -> Turns:
+        """Weights and coefficients fit for the errors without and with the residual together.
+
+        Weights that are fit to Y - w R minimize (1 - w) ||Y - L||^2 + w ||Y - L - R||^2.
+        """
+        system, context = self.system, self.setup.problem.context
+        with context.watch("refit"):
+            assert self.swept is not None
+            without = system.error(self.entries.weight)
+            own = self.coefficient
+            along = 2.0 * self.swept.products - seen(own, self._gram, system.lookups).double()
+            taken = float((own.double() * along).sum())
+            share = residual_weight(without, taken, math.inf)
+            shown = seen_by_lobes(own, self._kernel, system.lookups, self.entries)
+            steps = self.setup.problem.config.refit.steps
+            entries = system.fitted(self.entries, system.products.lobes - share * shown, steps)[0]
+        with context.watch("residual"):
+            products = self._products(entries)
+            found = replace(self, coefficient=self._coefficients(products))
+            return replace(found, entries=entries, swept=replace(self.swept, products=products))
+
+
 def _weights(
     system: System, entries: SparseWeights, steps: int
 ) -> tuple[SparseWeights, StatusCounts]:
     """The weights of least error, and how their solver ended."""
     if not system.lookups.mixed:  # each texel is alone, and its weights are best already
         return entries, StatusCounts.none()
-    solved = sparse_nnls(
-        system.normal.matrix,
-        system.normal.diagonal,
-        system.products.lobes.float(),
-        entries.weight,
-        steps=steps,
-        tolerance=TOLERANCE,
-    )
-    counts = StatusCounts.of(Solver.SPARSE_NNLS, solved.status)
-    return replace(entries, weight=solved.weights), counts
+    return system.fitted(entries, system.products.lobes, steps)
 
 
 def _stored(

@@ -6,6 +6,7 @@ the atoms, like everything else here.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -83,5 +84,7 @@ def residual_weight(without: float, taken: float, texels: float) -> float:
     """
     if texels < 2 or without <= 0.0:
         return 0.0
-    with_residual = max(without - taken, 0.0) * texels / (texels - 1)
+    with_residual = max(without - taken, 0.0)
+    if texels < math.inf:
+        with_residual *= texels / (texels - 1)
     return without / (without + with_residual)
