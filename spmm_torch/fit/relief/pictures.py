@@ -1,0 +1,200 @@
+"""The pictures in which a relief is sought: few lights, all views that are steep enough."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from ...data import BTF
+from ...runtime.memory import slices
+from .resample import centres, resampled, within
+
+# Cosine of the most grazing view that takes part: beyond 63 degrees most of a relief hides itself.
+LEAST_VIEW_COSINE = 0.45
+# Cosine of the most grazing light that is chosen where there are others: shadows have no texture.
+LEAST_LIGHT_COSINE = 0.4
+# Polar cosine near which the first light is chosen: it shades the relief, with few shadows.
+FIRST_LIGHT_COSINE = 0.8
+# Views that take part at most: more of them lower the noise of few textures.
+MAX_VIEWS = 64
+# Fraction of a picture's mean that is added before the logarithm, so that shadows stay finite.
+LOG_FLOOR = 0.1
+# Least deviation of the logarithms of a picture with texture: 8-bit codes round by about as much.
+LEAST_DEVIATION = 1e-3
+# Values of all candidates at once: 16 MB of float32.
+CHUNK_VALUES = 1 << 22
+
+# Rows and columns of a part of a picture.
+Window = tuple[slice, slice]
+WHOLE: Window = (slice(None), slice(None))
+
+
+@dataclass(frozen=True)
+class PictureStack:
+    """Pictures of some views under some lights, comparable over views.
+
+    Attributes:
+        values: logarithms of grey values, of mean 0 and variance 1 in each picture, `[V, L, H, W]`.
+        weight: how much each picture counts, `[V, L]`; 0: not at all.
+        slope: columns and rows by which a point one texture width high moves, `[V, 2]`.
+        drift: columns and rows by which each view is shifted besides, `[V, 2]`.
+        repeats: whether the texture repeats beyond its border.
+    """
+
+    values: Tensor
+    weight: Tensor
+    slope: Tensor
+    drift: Tensor
+    repeats: bool = False
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """The number of rows and columns of the pictures."""
+        return self.values.shape[2], self.values.shape[3]
+
+    def aligned(self, view: int, height: Tensor, window: Window = WHOLE) -> tuple[Tensor, Tensor]:
+        """What a view shows of points of `height [N, H, W]`, within a window of `[h, w]` texels.
+
+        Returns:
+            (values `[N, L, h, w]`, weights `[N, L, h, w]` or of a shape that expands to it: 0
+            where the point lies beyond the picture).
+        """
+        column, row = (place[window] for place in centres(*self.size, self.values.device))
+        height = height[:, *window]
+        slope, drift = self.slope[view].tolist(), self.drift[view].tolist()
+        column, row = column - height * slope[0] + drift[0], row - height * slope[1] + drift[1]
+        values = resampled(self.values[view], column, row, self.repeats)
+        weight = self.weight[view][:, None, None]  # [L, 1, 1]
+        if self.repeats:
+            return values, weight[None]
+        return values, weight * within(column, row, *self.size)[:, None]
+
+    def disagreement(self, height: Tensor) -> Tensor:
+        """Variance over views, mean over lights `[N, H, W]`, of points of `height [N, H, W]`.
+
+        Pictures without any relation give 1, which stands too where less than half of the views
+        show the point.
+        """
+        size = self.values[0].numel()
+        step = max(CHUNK_VALUES // size, 1)
+        return torch.cat([self._disagreement(height[block]) for block in slices(len(height), step)])
+
+    def _disagreement(self, height: Tensor) -> Tensor:
+        shape = (len(height), *self.values.shape[1:])
+        total, squares = torch.zeros((2, *shape), device=height.device)
+        seen, seen_squares = torch.zeros((2, *shape), device=height.device)
+        for view in range(len(self.values)):
+            values, weight = self.aligned(view, height)
+            weighted = weight * values
+            total += weighted
+            squares.addcmul_(weighted, values)
+            seen += weight
+            seen_squares += weight * weight
+        divisor = seen.clamp(min=torch.finfo(seen.dtype).tiny)
+        # Fewer views agree by chance: the unbiased variance does not reward that.
+        count = seen * divisor / seen_squares.clamp(min=torch.finfo(seen.dtype).tiny)
+        variance = (squares / divisor - (total / divisor).square()).clamp(min=0.0)
+        variance = variance * count / (count - 1.0).clamp(min=0.5)
+        known = seen >= 0.5 * self.weight.sum(0)[:, None, None]
+        lights = (self.weight.sum(0) > 0.0).to(values.dtype)[:, None, None]
+        cost = torch.where(known, variance, torch.ones_like(variance))
+        return (cost * lights).sum(1) / lights.sum().clamp(min=1.0)
+
+    def reduced(self, factor: int) -> PictureStack:
+        """The stack with means of about `factor` x `factor` texels in place of texels."""
+        if factor <= 1:
+            return self
+        rows, columns = self.size
+        size = (max(rows // factor, 1), max(columns // factor, 1))
+        scale = torch.tensor([size[1] / columns, size[0] / rows], device=self.slope.device)
+        values = functional.interpolate(self.values, size, mode="area")
+        return replace(
+            self,
+            values=normalized(values),
+            slope=self.slope * scale,
+            drift=self.drift * scale,
+        )
+
+    def part(self, views: Tensor | None = None, lights: Tensor | None = None) -> PictureStack:
+        """The stack of some of its views, indices `[V']`, and lights, indices `[L']`."""
+        every_view = torch.arange(len(self.values)) if views is None else views
+        every_light = torch.arange(self.values.shape[1]) if lights is None else lights
+        return replace(
+            self,
+            values=self.values[every_view][:, every_light],
+            weight=self.weight[every_view][:, every_light],
+            slope=self.slope[every_view],
+            drift=self.drift[every_view],
+        )
+
+
+def normalized(values: Tensor) -> Tensor:
+    """Pictures `[..., H, W]` moved and scaled to mean 0 and variance 1; flat ones become 0."""
+    centred = values - values.mean((-2, -1), keepdim=True)
+    deviation = centred.square().mean((-2, -1), keepdim=True).sqrt()
+    return torch.where(deviation > LEAST_DEVIATION, centred / deviation.clamp(min=1e-12), 0.0)
+
+
+def read_stack(
+    btf: BTF, views: Tensor, lights: Tensor, device: torch.device | str = "cpu"
+) -> PictureStack:
+    """The pictures of some views, indices `[V']`, under some lights, indices `[L']`.
+
+    No others are decoded, and one view at a time is expanded.
+
+    Raises:
+        DataError: a picture cannot be decoded, or all of these pairs are missing.
+        OutputError: the decoded values cannot be kept on disk.
+    """
+    part = btf.restricted(views=views, lights=lights)
+    rows = [logarithms(part.pictures(view).mean(-1).to(device)) for view in range(len(views))]
+    values = normalized(torch.stack(rows))
+    cosine = part.view[:, 2].to(device)
+    textured = values.flatten(2).any(2)  # [V', L']
+    if part.missing is not None:
+        textured &= ~part.missing.to(device)
+    slope = shift_of_height(part.view).to(device) * btf.width
+    return PictureStack(values, cosine.square()[:, None] * textured, slope, torch.zeros_like(slope))
+
+
+def logarithms(pictures: Tensor) -> Tensor:
+    """Logarithms of grey `pictures [..., H, W]`, each with a floor in proportion to its mean."""
+    positive = pictures.clamp(min=0.0)
+    floor = LOG_FLOOR * positive.mean((-2, -1), keepdim=True)
+    return (positive + floor.clamp(min=torch.finfo(floor.dtype).tiny)).log()
+
+
+def shift_of_height(view: Tensor) -> Tensor:
+    """Columns and rows, in texture widths, by which `view [V, 3]` moves unit height, `[V, 2]`."""
+    return torch.stack((view[:, 0], -view[:, 1]), dim=1) / view[:, 2:]
+
+
+def chosen_views(btf: BTF) -> Tensor:
+    """Indices `[V']` of the views that take part, ascending: steep ones, spread over all."""
+    steep = torch.nonzero(btf.view[:, 2] > LEAST_VIEW_COSINE).flatten()
+    if len(steep) <= MAX_VIEWS:
+        return steep
+    first = int(btf.view[steep, 2].argmax())
+    return steep[spread(btf.view[steep], MAX_VIEWS, first)].sort().values
+
+
+def chosen_lights(btf: BTF, count: int) -> Tensor:
+    """Indices of at most `count` lights, each far from those before it."""
+    height = btf.light[:, 2]
+    high = torch.nonzero(height > LEAST_LIGHT_COSINE).flatten()
+    high = torch.arange(len(height)) if len(high) < 2 else high
+    first = int((height[high] - FIRST_LIGHT_COSINE).abs().argmin())
+    return high[spread(btf.light[high], min(count, len(high)), first)]
+
+
+def spread(directions: Tensor, count: int, first: int) -> Tensor:
+    """Indices `[count]` of `directions [N, 3]`, each the farthest from all before it."""
+    chosen = [first]
+    distance = torch.full((len(directions),), float("inf"))
+    for _ in range(count - 1):
+        distance = torch.minimum(distance, (directions - directions[chosen[-1]]).norm(dim=1))
+        chosen.append(int(distance.argmax()))
+    return torch.tensor(chosen)

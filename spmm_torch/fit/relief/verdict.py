@@ -1,0 +1,52 @@
+"""Whether a relief pays: how much less the views disagree under lights that it has not seen.
+
+Reading between texels smooths noise, so that any shift lowers the disagreement of noisy views. The
+same shifts the other way smooth as much: what pays beats them, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from torch import Tensor
+
+from .pictures import PictureStack
+
+# Least fraction of the disagreement that must vanish, about 0.2 dB of a model of the BTF; and the
+# least fraction of that of the pictures as they are.
+MIN_GAIN, MIN_SHARE = 0.05, 0.01
+
+
+def disagreement(stack: PictureStack, height: Tensor) -> float:
+    """Mean disagreement of the views about points of `height [H, W]`; see `PictureStack`."""
+    return float(stack.disagreement(height[None]).mean())
+
+
+def heights_pay(stack: PictureStack, height: Tensor, base: Tensor, untouched: float) -> bool:
+    """Whether `height [H, W]` pays against `base [H, W]`, under the lights of the stack.
+
+    Args:
+        stack: pictures to judge by.
+        height, base: heights, in texture widths.
+        untouched: disagreement of the pictures as they are.
+    """
+    mirrored = 2.0 * base - height
+    return _pays(*(disagreement(stack, each) for each in (height, base, mirrored)), untouched)
+
+
+def drift_pays(stack: PictureStack, drift: Tensor, height: Tensor, untouched: float) -> bool:
+    """Whether a `drift [V, 2]` in columns and rows pays over points of `height [H, W]`.
+
+    Args:
+        stack: pictures to judge by.
+        drift: shift of each view.
+        height: heights, in texture widths.
+        untouched: disagreement of the pictures as they are.
+    """
+    moved = [replace(stack, drift=each) for each in (drift, 0.0 * drift, -drift)]
+    return _pays(*(disagreement(each, height) for each in moved), untouched)
+
+
+def _pays(after: float, before: float, control: float, untouched: float) -> bool:
+    least = min(before, control)
+    return least - after > max(MIN_GAIN * least, MIN_SHARE * untouched)
