@@ -76,26 +76,26 @@ def planted_relief(
     albedo = 0.2 * (texture * smooth_noise(whole, 2.5, generator)).exp()
     drift = torch.zeros(len(view), 2) if drift is None else drift
     shown = [
-        _shown(height, size[1], direction, shift)
-        for direction, shift in zip(view, drift, strict=True)
+        _shown(height, size, direction, shift) for direction, shift in zip(view, drift, strict=True)
     ]
     values = torch.stack(
         [
             _shaded(height, albedo, place, size[1], direction, light)
             for place, direction in zip(shown, view, strict=True)
         ]
-    )[:, :, : size[0], : size[1]]  # [V, L, H, W]
+    )  # [V, L, H, W]
     values = values * (1.0 + noise * torch.randn(values.shape, generator=generator))
     colour = torch.tensor([1.0, 0.8, 0.6])
     btf = BTF.from_values(values.clamp(min=0.0)[..., None] * colour, view, light)
     return PlantedRelief(btf, height[: size[0], : size[1]], drift)
 
 
-def _shown(height: Tensor, width: int, view: Tensor, drift: Tensor) -> tuple[Tensor, Tensor]:
+def _shown(
+    height: Tensor, size: tuple[int, int], view: Tensor, drift: Tensor
+) -> tuple[Tensor, Tensor]:
     """Columns and rows `[H, W]` of what a view shows, by a march from the highest point down."""
-    rows, columns = height.shape
-    row, column = torch.meshgrid(torch.arange(rows), torch.arange(columns), indexing="ij")
-    across, down = float(view[0] / view[2]) * width, -float(view[1] / view[2]) * width
+    row, column = torch.meshgrid(*map(torch.arange, size), indexing="ij")
+    across, down = (float(part / view[2]) * size[1] for part in (view[0], -view[1]))
     level = torch.linspace(float(height.max()), float(height.min()), MARCH)[:, None, None]
     x = column - drift[0] + level * across  # [N, H, W]
     y = row - drift[1] + level * down

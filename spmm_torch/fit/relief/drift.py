@@ -56,7 +56,7 @@ def find_drift(stack: PictureStack, height: Tensor, steep: Tensor | None = None)
         height: heights, in texture widths.
         steep: views `[V]` bool whose shifts tell the plane; None: all.
     """
-    total = torch.zeros_like(stack.drift)
+    total, error = torch.zeros_like(stack.drift), torch.zeros_like(stack.drift[:, 0])
     for step in range(1 + STEPS):
         moved = replace(stack, drift=stack.drift + total)
         pictures, weight = _windows(moved, height)

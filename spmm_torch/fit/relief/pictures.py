@@ -99,7 +99,7 @@ class PictureStack:
         variance = (squares / divisor - (total / divisor).square()).clamp(min=0.0)
         variance = variance * count / (count - 1.0).clamp(min=0.5)
         known = seen >= 0.5 * self.weight.sum(0)[:, None, None]
-        lights = (self.weight.sum(0) > 0.0).to(values.dtype)[:, None, None]
+        lights = (self.weight.sum(0) > 0.0).to(seen.dtype)[:, None, None]
         cost = torch.where(known, variance, torch.ones_like(variance))
         return (cost * lights).sum(1) / lights.sum().clamp(min=1.0)
 
@@ -182,7 +182,7 @@ def chosen_views(btf: BTF) -> Tensor:
 
 
 def chosen_lights(btf: BTF, count: int) -> Tensor:
-    """Indices of at most `count` lights, each far from those before it."""
+    """Indices `[L']` of at most `count` lights, each far from those before it."""
     height = btf.light[:, 2]
     high = torch.nonzero(height > LEAST_LIGHT_COSINE).flatten()
     high = torch.arange(len(height)) if len(high) < 2 else high

@@ -30,8 +30,8 @@ def heights_pay(stack: PictureStack, height: Tensor, base: Tensor, untouched: fl
         height, base: heights, in texture widths.
         untouched: disagreement of the pictures as they are.
     """
-    mirrored = 2.0 * base - height
-    return _pays(*(disagreement(stack, each) for each in (height, base, mirrored)), untouched)
+    after, before = disagreement(stack, height), disagreement(stack, base)
+    return _pays(after, before, disagreement(stack, 2.0 * base - height), untouched)
 
 
 def drift_pays(stack: PictureStack, drift: Tensor, height: Tensor, untouched: float) -> bool:
@@ -43,8 +43,10 @@ def drift_pays(stack: PictureStack, drift: Tensor, height: Tensor, untouched: fl
         height: heights, in texture widths.
         untouched: disagreement of the pictures as they are.
     """
-    moved = [replace(stack, drift=each) for each in (drift, 0.0 * drift, -drift)]
-    return _pays(*(disagreement(each, height) for each in moved), untouched)
+    after, before, control = (
+        disagreement(replace(stack, drift=each), height) for each in (drift, 0.0 * drift, -drift)
+    )
+    return _pays(after, before, control, untouched)
 
 
 def _pays(after: float, before: float, control: float, untouched: float) -> bool:
