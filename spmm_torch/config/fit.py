@@ -82,6 +82,36 @@ class WeightsConfig:
 
 
 @dataclass(frozen=True)
+class ReliefConfig:
+    """The relief of the surface, through which views show its texels."""
+
+    mode: str = setting(
+        "auto",
+        "relief that is found in the BTF and kept where views agree better by it: off, plane (one "
+        "height for all texels at most), or auto (as much as pays)",
+        choices=("off", "plane", "auto"),
+    )
+    height: str | None = setting(
+        None,
+        "grey picture of the heights, one value a texel, which are then kept (auto only); null: "
+        "none, heights are found",
+    )
+    height_scale: float | None = setting(
+        None,
+        "height of white above black in relief.height, as a fraction of the texture's width; "
+        "null: found in the BTF",
+        low=-1.0,
+        high=1.0,
+    )
+    drift: str = setting(
+        "auto",
+        "drift of registration of each view: auto (found, and kept where it pays), or off (views "
+        "are taken as registered)",
+        choices=("auto", "off"),
+    )
+
+
+@dataclass(frozen=True)
 class ClusterConfig:
     """k-means over all texels [WDR11 §4.1]."""
 
@@ -236,6 +266,7 @@ class FitConfig:
 
     data: DataConfig = field(default_factory=DataConfig)
     weights: WeightsConfig = field(default_factory=WeightsConfig)
+    relief: ReliefConfig = field(default_factory=ReliefConfig)
     cluster: ClusterConfig = field(default_factory=ClusterConfig)
     sample: SampleConfig = field(default_factory=SampleConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
