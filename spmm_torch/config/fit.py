@@ -83,26 +83,30 @@ class WeightsConfig:
 
 @dataclass(frozen=True)
 class ReliefConfig:
-    """The relief of the surface, which shifts what each view shows."""
+    """The relief of the surface, through which views show its texels."""
 
     mode: str = setting(
         "auto",
-        "what is found in the pictures: off (nothing, as in the paper), plane (how high the "
-        "surface lies), or auto (heights of all texels where they pay)",
+        "relief that is found in the BTF and kept where views agree better by it: off, plane (one "
+        "height for all texels at most), or auto (as much as pays)",
         choices=("off", "plane", "auto"),
     )
     height: str | None = setting(
-        None, "picture of the heights, white on top; null: they are found in the pictures"
+        None,
+        "grey picture of the heights, one value a texel, which are then kept (auto only); null: "
+        "none, heights are found",
     )
     height_scale: float | None = setting(
         None,
-        "height of white above black in that picture, as a fraction of its width; null: found",
-        low=0.0,
-        high=0.5,
+        "height of white above black in relief.height, as a fraction of the texture's width; "
+        "null: found in the BTF",
+        low=-1.0,
+        high=1.0,
     )
     drift: str = setting(
         "auto",
-        "how far views are off their place: auto (found where there is a drift), or off",
+        "drift of registration of each view: auto (found, and kept where it pays), or off (views "
+        "are taken as registered)",
         choices=("auto", "off"),
     )
 

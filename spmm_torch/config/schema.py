@@ -156,8 +156,10 @@ def checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: st
             raise ConfigError(f"{where} is empty; expected at least one value.")
         inner = typing.get_args(kind)[0]
         return tuple(checked(item, inner, metadata, where) for item in items)
-    value = _typed(value, kind, where)
     choices, low, high = metadata.get("choices"), metadata.get("low"), metadata.get("high")
+    if value is False and choices and "off" in choices:  # YAML 1.1 reads off as false
+        value = "off"
+    value = _typed(value, kind, where)
     if choices and value not in choices:
         near = difflib.get_close_matches(str(value), map(str, choices), n=1)
         hint = f"; did you mean {near[0]}?" if near else "."

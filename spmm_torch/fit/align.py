@@ -71,7 +71,7 @@ def align(problem: Problem) -> Problem:
             height = torch.tensor([height])
         return FoundRelief(
             torch.zeros(0) if height is None else height.flatten().cpu(),
-            torch.zeros(0, 2) if found.drift is None else found.drift.cpu(),
+            torch.zeros(0, 2) if found.drift is None else -found.drift.cpu(),
             torch.tensor(found.rule == "mirror"),
         )
 

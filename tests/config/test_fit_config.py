@@ -38,6 +38,7 @@ def test_paper_yaml_is_the_paper() -> None:
     assert paper.search.method == paper.select.method == "stagewise"
     assert paper.dictionary.scope == "cluster"
     assert (paper.residual.joint, paper.residual.precision) == (False, "float32")
+    assert paper.relief.mode == "off"
 
 
 def test_models_are_the_registry() -> None:
@@ -96,3 +97,13 @@ def test_every_setting_is_explained() -> None:
     rows = describe(FitConfig)
     assert len({row.key for row in rows}) == len(rows)
     assert all(row.meaning for row in rows)
+
+
+def test_off_needs_no_quotes(tmp_path: Path) -> None:
+    """YAML 1.1 reads it as false."""
+    config = FitConfig().override(["relief.mode=off", "relief.drift=off"])
+    assert (config.relief.mode, config.relief.drift) == ("off", "off")
+    path = tmp_path / "config.yaml"
+    path.write_text("relief: {mode: off}", encoding="utf-8")
+    assert FitConfig.from_yaml(path).relief.mode == "off"
+    assert FitConfig.from_dict(config.to_dict()) == config

@@ -18,7 +18,7 @@ from .pictures import PictureStack
 REACH = 4
 STEPS = 3
 # Texels of a side of the window in which a drift, the same for all texels, is measured.
-WINDOW = 128
+WINDOW = 96
 # Standard errors under which a drift is noise, and the root mean square in texels under which it
 # is worth nothing: path-traced materials, which have none, show up to half of that.
 SIGNIFICANCE, LEAST_DRIFT = 3.0, 0.1
@@ -56,7 +56,7 @@ def find_drift(stack: PictureStack, height: Tensor, steep: Tensor | None = None)
         height: heights, in texture widths.
         steep: views `[V]` bool whose shifts tell the plane; None: all.
     """
-    total = torch.zeros_like(stack.drift)
+    total, error = torch.zeros_like(stack.drift), torch.zeros_like(stack.drift[:, 0])
     for step in range(1 + STEPS):
         moved = replace(stack, drift=stack.drift + total)
         pictures, weight = _windows(moved, height)
@@ -87,12 +87,12 @@ def without_plane(
 
 def _windows(stack: PictureStack, height: Tensor) -> tuple[Tensor, Tensor]:
     """Aligned pictures `[V, L, h, w]` of the window, and their weights of the same shape."""
-    rows, columns = (_middle(size) for size in stack.size)
+    window = (_middle(stack.size[0]), _middle(stack.size[1]))
     pictures, weights = [], []
     for view in range(len(stack.values)):
-        values, weight = stack.aligned(view, height[None])
-        pictures.append(values[0][:, rows, columns])
-        weights.append(weight.expand_as(values)[0][:, rows, columns])
+        values, weight = stack.aligned(view, height[None], window)
+        pictures.append(values[0])
+        weights.append(weight.expand_as(values)[0])
     return torch.stack(pictures), torch.stack(weights)
 
 

@@ -177,7 +177,7 @@ def _estimate(
 def _described(height: Tensor | float | None) -> str:
     if height is None:
         return "none, the surface is flat"
-    if isinstance(height, float):
+    if not isinstance(height, Tensor):
         return f"a plane at {height:.2%} of the width"
     return f"heights from {float(height.min()):.2%} to {float(height.max()):.2%} of the width"
 

@@ -50,11 +50,12 @@ def stored_heights(btf: BTF) -> Tensor | None:
     if codes is None or codes.shape != (header.height, header.width):
         return None
     values = torch.from_numpy(codes.view(np.float16).astype(np.float32)).flatten()
-    values = values if btf.part.texels is None else values[btf.part.texels]
     low, high = values.aminmax()
     if not bool(torch.isfinite(values).all()) or bool(low == high):
         return None
-    return ((values - low) / (high - low)).view(btf.height, btf.width)
+    shape = (values - low) / (high - low)
+    shape = shape if btf.part.texels is None else shape[btf.part.texels]
+    return shape.view(btf.height, btf.width)
 
 
 def best_scale(stack: PictureStack, shape: Tensor) -> tuple[float, float]:

@@ -27,6 +27,10 @@ LEAST_DEVIATION = 1e-3
 # Values of all candidates at once: 16 MB of float32.
 CHUNK_VALUES = 1 << 22
 
+# Rows and columns of a part of a picture.
+Window = tuple[slice, slice]
+WHOLE: Window = (slice(None), slice(None))
+
 
 @dataclass(frozen=True)
 class PictureStack:
@@ -51,20 +55,17 @@ class PictureStack:
         """The number of rows and columns of the pictures."""
         return self.values.shape[2], self.values.shape[3]
 
-    def places(self, view: int, height: Tensor) -> tuple[Tensor, Tensor]:
-        """Columns and rows `[N, H, W]` at which a view shows points of `height [N, H, W]`."""
-        column, row = centres(*self.size, device=self.values.device)
-        across, down = (self.slope[view].tolist(), self.drift[view].tolist())
-        return column - height * across[0] + down[0], row - height * across[1] + down[1]
-
-    def aligned(self, view: int, height: Tensor) -> tuple[Tensor, Tensor]:
-        """What a view shows of points of `height [N, H, W]`.
+    def aligned(self, view: int, height: Tensor, window: Window = WHOLE) -> tuple[Tensor, Tensor]:
+        """What a view shows of points of `height [N, H, W]`, within a window of `[h, w]` texels.
 
         Returns:
-            (values `[N, L, H, W]`, weights `[N, L, H, W]` or of a shape that expands to it: 0
+            (values `[N, L, h, w]`, weights `[N, L, h, w]` or of a shape that expands to it: 0
             where the point lies beyond the picture).
         """
-        column, row = self.places(view, height)
+        column, row = (place[window] for place in centres(*self.size, self.values.device))
+        height = height[:, *window]
+        slope, drift = self.slope[view].tolist(), self.drift[view].tolist()
+        column, row = column - height * slope[0] + drift[0], row - height * slope[1] + drift[1]
         values = resampled(self.values[view], column, row, self.repeats)
         weight = self.weight[view][:, None, None]  # [L, 1, 1]
         if self.repeats:
@@ -98,7 +99,7 @@ class PictureStack:
         variance = (squares / divisor - (total / divisor).square()).clamp(min=0.0)
         variance = variance * count / (count - 1.0).clamp(min=0.5)
         known = seen >= 0.5 * self.weight.sum(0)[:, None, None]
-        lights = (self.weight.sum(0) > 0.0).to(values.dtype)[:, None, None]
+        lights = (self.weight.sum(0) > 0.0).to(seen.dtype)[:, None, None]
         cost = torch.where(known, variance, torch.ones_like(variance))
         return (cost * lights).sum(1) / lights.sum().clamp(min=1.0)
 
@@ -181,7 +182,7 @@ def chosen_views(btf: BTF) -> Tensor:
 
 
 def chosen_lights(btf: BTF, count: int) -> Tensor:
-    """Indices of at most `count` lights, each far from those before it."""
+    """Indices `[L']` of at most `count` lights, each far from those before it."""
     height = btf.light[:, 2]
     high = torch.nonzero(height > LEAST_LIGHT_COSINE).flatten()
     high = torch.arange(len(height)) if len(high) < 2 else high

@@ -6,14 +6,15 @@ import torch
 from torch import Tensor
 
 from .pictures import PictureStack, spread
+from .resample import resized
 from .smooth import lowest
 
 # Range of the plane, in texture widths: pictures are rectified near the surface, mostly under it.
 LOWEST_PLANE, HIGHEST_PLANE = -0.06, 0.16
 # Texels at most between what neighbouring candidates show of the most grazing view.
 COARSE_STEP = 0.7
-# Views in which the plane is sought at most: all texels tell one number.
-MAX_VIEWS = 20
+# Views in which the plane is sought at most, and texels of a side: all of them tell one number.
+MAX_VIEWS, MAX_SIDE = 20, 96
 # Finer searches around the best candidate, and candidates on each side of it.
 REFINEMENTS, SIDE = 2, 3
 
@@ -27,8 +28,9 @@ def find_plane(stack: PictureStack, relief: Tensor | None = None) -> float:
     """
     steepest = int(stack.slope.norm(dim=1).argmax())
     stack = stack.part(views=spread(stack.slope, min(MAX_VIEWS, len(stack.slope)), steepest))
+    stack = stack.reduced(-(-max(stack.size) // MAX_SIDE))
     relief = torch.zeros(stack.size) if relief is None else relief
-    relief = relief.to(stack.values.device)
+    relief = resized(relief.to(stack.values.device), *stack.size, stack.repeats)
     greatest = float(stack.slope.norm(dim=1).max())
     count = int((HIGHEST_PLANE - LOWEST_PLANE) * greatest / COARSE_STEP) + 2
     candidates = torch.linspace(LOWEST_PLANE, HIGHEST_PLANE, count)

@@ -41,7 +41,7 @@ def smoothed_cost(cost: Tensor, repeats: bool, known: bool = False) -> Tensor:
 
 
 def _paths(cost: Tensor, repeats: bool, step: float, jump: float) -> Tensor:
-    """Costs `[N, H, W]` of the best paths that come from row 0 [Hir08, Eq. 13]."""
+    """Costs `[N, H, W]` of the best paths that come from row 0 [Hir08]."""
     rows = cost.shape[1]
     start = -min(RUN_UP, rows) if repeats else 0
     path, kept = cost[:, start], []
