@@ -31,10 +31,12 @@ def weight_type(
         return WEIGHT_TYPES[storage.weights]
     energy = (dictionary.raw.square().sum(1) * dictionary.norm.square()).cpu()  # [J]
     totals = Totals.sum(fit.totals for fit in fits)
-    for kind in WEIGHT_TYPES.values():
-        if cost_db(totals, rounding_energy(weights, kind, energy)) <= MAX_COST_DB:
-            break
-    return kind
+    cheap = (
+        kind
+        for kind in WEIGHT_TYPES.values()
+        if cost_db(totals, rounding_energy(weights, kind, energy)) <= MAX_COST_DB
+    )
+    return next(cheap)  # float32 costs nothing
 
 
 def cost_db(totals: Totals, added: float) -> float:
