@@ -67,11 +67,11 @@ def _added(first: Components, second: Components, shares: tuple[Tensor, Tensor])
     """`mixed` of components of equal functions."""
     scale = torch.maximum(first.coefficient_scale, second.coefficient_scale)
     divisor = torch.where(scale > 0.0, scale, 1.0)
-    total = sum(
+    codes = [
         _times(part, share) * (part.coefficient_scale / divisor)
         for part, share in zip((first, second), shares, strict=True)
-    )
-    coefficient, scale = _coded(first.with_codes(coefficient_scale=scale), total)
+    ]
+    coefficient, scale = _coded(first.with_codes(coefficient_scale=scale), codes[0] + codes[1])
     return first.with_codes(coefficient=coefficient, coefficient_scale=scale)
 
 

@@ -212,7 +212,8 @@ def _loaded_components(tensors: Tensors, light: Tensor, view: Tensor) -> Compone
     """The components of a file; None if it has none."""
     if "components.code" not in tensors:
         return None
-    return Components(*(tensors[f"components.{name}"] for name in COMPONENTS), light, view)
+    parts = {name: tensors[f"components.{name}"] for name in COMPONENTS}
+    return Components(**parts, light=light, view=view)
 
 
 def byte_counts(tensors: Tensors) -> dict[str, int]:
