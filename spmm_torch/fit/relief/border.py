@@ -1,12 +1,22 @@
-"""Whether a texture continues over its border: steps across the border against steps inside."""
+"""How a texture continues beyond its border.
+
+While heights are sought, steps across the border are held against steps inside. With heights known,
+both rules predict what slanted views show beyond the border, and the better one is kept.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import torch
 from torch import Tensor
 
+from ...geometry.directions import MIRROR, REPEAT
 from .pictures import PictureStack
+from .resample import centres, resampled, within
 
-REPEAT, MIRROR = "repeat", "mirror"
+# Steps towards the place that a pixel shows, where heights change along its ray.
+PLACE_STEPS = 3
 # Mean square of a step across the border over that of steps inside, under which there is no seam:
 # in a texture whose neighbours correlate by 0.4, a seam has 1.7.
 LEAST_SEAM = 1.7
@@ -25,6 +35,53 @@ def border_rule(stack: PictureStack) -> str:
     pictures = stack.values[steepest][stack.weight[steepest] > 0.0]  # [L, H, W]
     seams = _has_seam(pictures) or _has_seam(pictures.transpose(1, 2))
     return MIRROR if seams else REPEAT
+
+
+def continuation(stack: PictureStack, height: Tensor) -> str:
+    """The rule by which pixels that show points beyond the border are predicted better.
+
+    Args:
+        stack: pictures.
+        height: heights `[H, W]`, in texture widths.
+    """
+    reference = _reference(replace(stack, repeats=False), height)  # [L, H, W]
+    rows, columns = stack.size
+    errors = torch.zeros(2, device=height.device)
+    for view in range(len(stack.values)):
+        column, row = _shown(stack, view, height)
+        outside = ~within(column, row, rows, columns) * stack.weight[view][:, None, None]
+        mirrored = _folded(column, columns), _folded(row, rows)
+        for rule, (place, repeats) in enumerate((((column, row), True), (mirrored, False))):
+            expected = resampled(reference, place[0][None], place[1][None], repeats)[0]
+            errors[rule] += (outside * (stack.values[view] - expected).square()).sum()
+    return MIRROR if errors[1] < errors[0] else REPEAT
+
+
+def _reference(stack: PictureStack, height: Tensor) -> Tensor:
+    """What all views show of the points of `height [H, W]`, on average, `[L, H, W]`."""
+    total, seen = torch.zeros((2, *stack.values.shape[1:]), device=height.device)
+    for view in range(len(stack.values)):
+        values, weight = stack.aligned(view, height[None])
+        total += (weight * values)[0]
+        seen += weight.expand_as(values)[0]
+    return total / seen.clamp(min=torch.finfo(seen.dtype).tiny)
+
+
+def _shown(stack: PictureStack, view: int, height: Tensor) -> tuple[Tensor, Tensor]:
+    """Columns and rows `[H, W]` of the points that the pixels of a view show, about."""
+    column, row = centres(*stack.size, height.device)
+    slope, drift = stack.slope[view].tolist(), stack.drift[view].tolist()
+    at, down = column, row
+    for _ in range(PLACE_STEPS):
+        here = resampled(height[None], at[None], down[None], repeats=False)[0, 0]
+        at, down = column + here * slope[0] - drift[0], row + here * slope[1] - drift[1]
+    return at, down
+
+
+def _folded(place: Tensor, count: int) -> Tensor:
+    """Places `[...]` along an axis of `count` texels, mirrored into it."""
+    edge = torch.remainder(place + 0.5, 2 * count)
+    return torch.minimum(edge, 2 * count - edge) - 0.5
 
 
 def _has_seam(pictures: Tensor) -> bool:

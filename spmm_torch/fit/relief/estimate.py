@@ -10,7 +10,8 @@ from torch import Tensor
 
 from ...data import BTF
 from ...errors import ConfigError
-from .border import REPEAT
+from ...geometry.directions import REPEAT
+from .border import continuation
 from .given import best_scale, read_heights, stored_heights
 from .pictures import chosen_views
 from .plane import find_plane
@@ -168,10 +169,11 @@ def _estimate(
     search: Search, height: Tensor | float | None, relief: Tensor, left: dict[str, float]
 ) -> Estimate:
     """The estimate of a search that ended with a `relief [H, W]`."""
+    rule = continuation(search.sought, relief)
     drift = search.drift_of_all_views(relief)
     said = f"relief: {_described(height)}; drift of views: {_drift_described(drift, search)}"
     told = "".join(f"; {share:.0%} of the parallax left by {name}" for name, share in left.items())
-    return Estimate(height, drift, search.rule, left, (f"{said}; border: {search.rule}{told}",))
+    return Estimate(height, drift, rule, left, (f"{said}; border: {rule}{told}",))
 
 
 def _described(height: Tensor | float | None) -> str:

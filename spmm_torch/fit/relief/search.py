@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from ...data import BTF
-from .border import MIRROR, REPEAT, border_rule
+from ...geometry.directions import REPEAT
+from .border import border_rule
 from .drift import SIGNIFICANCE, find_drift
 from .pictures import PictureStack, chosen_lights, chosen_views, read_stack
 from .verdict import disagreement, drift_pays, heights_pay
@@ -55,11 +56,6 @@ class Search:
         flat = torch.zeros(stack.size, device=stack.values.device)
         untouched = disagreement(judged, flat)
         return cls(btf, views, lights[kept], stack.part(lights=kept), judged, untouched)
-
-    @property
-    def rule(self) -> str:
-        """How the texture continues beyond its border, "repeat" or "mirror"."""
-        return REPEAT if self.sought.repeats else MIRROR
 
     def flat(self, height: float) -> Tensor:
         """A plane of some height as a map `[H, W]`."""
