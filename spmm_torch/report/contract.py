@@ -116,6 +116,7 @@ class Seconds:
     """Seconds by stage."""
 
     load: float | None = None
+    relief: float | None = None
     cluster: float | None = None
     search: float | None = None
     dictionary: float | None = None
