@@ -7,11 +7,10 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from ..geometry.grazing import grazing_fade, lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation
 
 FLOAT16_MAX = 65504.0  # largest finite half
-# Least cosine of the lowest measured light, which cosines are divided by: it may be 0.
-LOWEST_COSINE = 1e-6
 
 
 class Residual(nn.Module):
@@ -34,7 +33,7 @@ class Residual(nn.Module):
         self.register_buffer("scale", scale)
         self.light_mesh = HemisphereInterpolation.build(light)
         self.view_mesh = HemisphereInterpolation.build(view)
-        self.lowest_light = max(float(light[:, 2].min()), LOWEST_COSINE)
+        self.lowest_light = lowest_cosine(light)
 
     def with_codes(self, code: Tensor, scale: Tensor) -> Residual:
         """The same directions with the values of other clusters.
@@ -89,7 +88,7 @@ class Residual(nn.Module):
         """Measured pairs `[Q, 9]`, view * L + light, and their interpolation weights `[Q, 9]`."""
         light, light_weight = self.light_mesh.weights(wi)  # [Q, 3]
         view, view_weight = self.view_mesh.weights(wo)  # [Q, 3]
-        fade = (wi[:, 2:] / self.lowest_light).clamp(0.0, 1.0) * (wo[:, 2:] > 0.0)
+        fade = grazing_fade(wi[:, 2:], self.lowest_light) * (wo[:, 2:] > 0.0)
         pair = view[:, :, None] * self.code.shape[2] + light[:, None, :]
         weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]
         return pair.flatten(1), weight.flatten(1)

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from ..brdf import MODEL_NAMES
 from ..errors import OutputError
 from ..geometry.directions import texel_at
+from ..geometry.grazing import lowest_cosine
 from ..lobes.batch import LobeBatch
 from ..lobes.ragged import stable_order
 from ..runtime import tensor_file
@@ -59,6 +60,7 @@ class SPMM(nn.Module):
     ) -> None:
         super().__init__()
         self.height, self.width, self.name = height, width, name
+        self.horizon, self.lowest_light = lobes.horizon, lowest_cosine(light)
         self.kappa = nn.Parameter(lobes.kappa)
         self.normal = nn.Parameter(lobes.normal)
         self.angle = nn.Parameter(lobes.angle)
@@ -127,7 +129,8 @@ class SPMM(nn.Module):
     @property
     def dictionary(self) -> LobeBatch:
         """The J lobes."""
-        return LobeBatch(self.lobe_model, self.kappa, self.normal, self.angle)
+        parts = (self.lobe_model, self.kappa, self.normal, self.angle)
+        return LobeBatch(*parts, self.horizon, self.lowest_light)
 
     @property
     def cluster_count(self) -> int:
@@ -150,7 +153,8 @@ class SPMM(nn.Module):
 
         Texels are interpolated bilinearly, and the texture repeats; a texel centre returns its
         texel. Lobes are analytic, so directions need not be measured ones; the residual is
-        interpolated between those. The residual is signed, so values a little below 0 occur.
+        interpolated between those. Both fade below the lowest measured light. The residual is
+        signed, so values a little below 0 occur.
 
         Args:
             uv: texture coordinates `[..., 2]`, u right, v up.
