@@ -196,10 +196,10 @@ def anisotropic_mask(model: Tensor) -> Tensor:
     return table[model]
 
 
-def decode(model: Tensor, coordinates: Tensor) -> LobeBatch:
+def decode(model: Tensor, coordinates: Tensor, horizon: float = 0.0) -> LobeBatch:
     """Lobes of search coordinates `[J, COORDINATES]`: disk x and y, angle, parameters on [0, 1].
 
-    The map is smooth, so the search can differentiate it.
+    The map is smooth, so the search can differentiate it. `horizon` is that of `LobeBatch`.
     """
     kappa = torch.zeros_like(coordinates[:, 3:])
     for index, rows in groups(model, len(REGISTRY)):
@@ -210,7 +210,8 @@ def decode(model: Tensor, coordinates: Tensor) -> LobeBatch:
             padding = [torch.zeros_like(values[0])] * (MAX_PARAMETERS - len(table))
             kappa = kappa.index_copy(0, rows, torch.stack(values + padding, dim=-1))
     turn = anisotropic_mask(model).to(coordinates.dtype)
-    return LobeBatch(model, kappa, normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn)
+    normal, angle = normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn
+    return LobeBatch(model, kappa, normal, angle, horizon)
 
 
 def encode(lobes: LobeBatch) -> Tensor:

@@ -19,6 +19,8 @@ from .stored_models import loaded_kappa, loaded_models, stored_kappa, stored_nam
 
 Tensors = dict[str, Tensor]
 PARTS = ("weights", "dictionary", "residual")
+# Metadata that readers of version 1 do not know and must not leave out.
+NEWER_KEYS = {"horizon"}
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,15 @@ def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
         "directions.view": parts.view,
     }
     size = {"height": str(parts.height), "width": str(parts.width)}
-    return tensors, {"name": parts.name, "models": json.dumps(names), **size}
+    metadata = {"name": parts.name, "models": json.dumps(names), **size}
+    if lobes.horizon > 0.0:
+        metadata["horizon"] = repr(lobes.horizon)
+    return tensors, {**metadata, "version": version(metadata)}
+
+
+def version(metadata: dict[str, str]) -> str:
+    """The version of a file: the first whose readers evaluate it rightly."""
+    return "2" if NEWER_KEYS & set(metadata) else "1"
 
 
 def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
@@ -73,13 +83,14 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
 
     Raises:
         KeyError: a tensor or a key of the metadata is missing.
-        ValueError: a BRDF is not known, or a height or width is not a number.
+        ValueError: a BRDF is not known, or a height, a width or the horizon is not a number.
     """
     lobes = LobeBatch(
         loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
         loaded_kappa(tensors["dictionary.kappa"]),
         tensors["dictionary.normal"],
         tensors["dictionary.angle"],
+        float(metadata.get("horizon", 0.0)),
     )
     count = tensors["weights.count"].long()
     offset = torch.cat((count.new_zeros(1), count.cumsum(0)))

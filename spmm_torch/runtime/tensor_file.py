@@ -12,7 +12,9 @@ from torch import Tensor
 
 from ..errors import OutputError
 
-FORMAT, VERSION = "spmm_torch", 1
+FORMAT = "spmm_torch"
+# Versions that this program reads; files have the first that holds what is in them.
+VERSIONS = ("1", "2")
 MODEL_FILE = "model.safetensors"
 # A safetensors file begins with the length of its JSON header, in 8 bytes.
 HEADER_START = 8
@@ -29,8 +31,11 @@ def narrow(index: Tensor) -> Tensor:
 
 
 def pack(tensors: dict[str, Tensor], metadata: dict[str, str]) -> bytes:
-    """The bytes of a file of named tensors `[...]`, with metadata, format and version."""
-    marked = {"format": FORMAT, "version": str(VERSION), **metadata}
+    """The bytes of a file of named tensors `[...]`, with metadata and format.
+
+    The version is the first one, unless the metadata have another.
+    """
+    marked = {"format": FORMAT, "version": VERSIONS[0], **metadata}
     # Copies, as the library refuses two names of one tensor.
     plain = {
         name: tensor.detach().cpu().clone(memory_format=torch.contiguous_format)
@@ -72,9 +77,10 @@ def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor]
         ) from error
     if metadata.get("format") != FORMAT:
         raise OutputError(f"{path} is no {FORMAT} model; expected one made by spmm fit.")
-    if metadata.get("version") != str(VERSION):
+    if metadata.get("version") not in VERSIONS:
+        known = " and ".join(VERSIONS)
         raise OutputError(
-            f"{path} has version {metadata.get('version')}; this program reads version {VERSION}; "
+            f"{path} has version {metadata.get('version')}; this program reads versions {known}; "
             f"fit it again with spmm fit."
         )
     return tensors, metadata

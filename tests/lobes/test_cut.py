@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,9 +10,10 @@ import torch
 from torch import Tensor
 
 from spmm_torch.brdf import MODEL_NAMES
-from spmm_torch.geometry.directions import direction_from_angles, ring_directions
+from spmm_torch.geometry.directions import direction_from_angles, frame_from_normal, ring_directions
 from spmm_torch.geometry.grazing import lowest_cosine
 from spmm_torch.lobes.batch import LobeBatch
+from spmm_torch.lobes.cut import view_step
 from tests.planted.directions import random_directions
 from tests.planted.lobes import random_lobes
 
@@ -22,7 +24,7 @@ LOWEST = lowest_cosine(RINGS)
 def tilted_lobes(count: int = 20 * len(MODEL_NAMES)) -> LobeBatch:
     generator = torch.Generator().manual_seed(1)
     names = [MODEL_NAMES[index % len(MODEL_NAMES)] for index in range(count)]
-    return random_lobes(names, generator)
+    return replace(random_lobes(names, generator), horizon=0.0)
 
 
 def grazing_lights(z: float) -> Tensor:
@@ -73,3 +75,47 @@ def test_gradients_are_finite(lowest: float) -> None:
     lobes.eval_grid(wi, RINGS).sum().backward()
     assert wi.grad is not None
     assert wi.grad.isfinite().all()
+
+
+def near_own_horizon(lobes: LobeBatch, turn: float) -> Tensor:
+    """Views `[J, 64, 3]` within a degree of the horizon of each lobe, moved by `turn` degrees."""
+    generator = torch.Generator().manual_seed(4)
+    height = torch.deg2rad(torch.rand(len(lobes), 64, generator=generator) * 2.0 - 1.0 + turn)
+    along = frame_from_normal(lobes.normal, 6.2 * torch.rand(len(lobes), generator=generator))
+    flat, normal = along[:, None, 0], along[:, None, 2]
+    return torch.cos(height)[..., None] * flat + torch.sin(height)[..., None] * normal
+
+
+@pytest.mark.parametrize(("horizon", "smooth"), [(0.0, False), (5.0, True), (10.0, True)])
+def test_a_small_turn_of_the_view_changes_little(horizon: float, smooth: bool) -> None:
+    """0.019 degrees, about a hundredth of a pixel of a sphere, jumped by the whole value."""
+    lobes = replace(tilted_lobes(), horizon=math.radians(horizon))
+    wi = torch.tensor([0.0, 0.0, 1.0])[None, None]
+    before, after = (lobes.eval(wi, near_own_horizon(lobes, turn)) for turn in (0.0, 0.019))
+    brightest = lobes.eval_grid(RINGS, RINGS).amax(1, keepdim=True)
+    jump = ((after - before).abs() / brightest).nan_to_num().max()
+    assert (float(jump) < 0.02) == smooth
+
+
+@pytest.mark.parametrize("horizon", [2.0, 15.0])
+def test_the_step_has_a_continuous_derivative(horizon: float) -> None:
+    width = math.radians(horizon)
+    x = torch.linspace(-0.5, 1.5, 4001, dtype=torch.float64) * math.sin(width)
+    x.requires_grad_()
+    step = view_step(x, width)
+    (slope,) = torch.autograd.grad(step.sum(), x)
+    assert float(step.detach().min()) == 0.0
+    assert float(step.detach().max()) == 1.0
+    assert float((slope[1:] - slope[:-1]).abs().max()) * math.sin(width) < 0.004
+    beyond = x.detach() >= math.sin(width)
+    assert bool((step.detach()[beyond] == 1.0).all())
+
+
+def test_values_beyond_the_step_are_the_paper_s_to_the_bit() -> None:
+    lobes = tilted_lobes()
+    found = replace(lobes, horizon=math.radians(5.0)).eval_grid(RINGS, RINGS)
+    hard = lobes.eval_grid(RINGS, RINGS)
+    cosine = (lobes.normal @ RINGS.T)[:, :, None].expand(-1, -1, len(RINGS)).flatten(1)
+    high = cosine > math.sin(math.radians(5.0))
+    assert torch.equal(found[high], hard[high])
+    assert (found <= hard).all()

@@ -211,6 +211,23 @@ def test_round_trip(tmp_path: Path, counts: tuple[int, ...], precision: torch.dt
     assert SPMM.load(tmp_path / tensor_file.MODEL_FILE).pack() == model.pack()
 
 
+def test_a_horizon_needs_version_2(tmp_path: Path, model: SPMM) -> None:
+    """Older readers, which would cut lobes hard, refuse the file; other files stay as they were."""
+    model.horizon = 0.0
+    assert model.to_tensors()[1]["version"] == "1"
+    assert "horizon" not in model.to_tensors()[1]
+    model.horizon = math.radians(7.0)
+    assert model.to_tensors()[1]["version"] == "2"
+    (tmp_path / tensor_file.MODEL_FILE).write_bytes(model.pack())
+    loaded = SPMM.load(tmp_path)
+    assert loaded.horizon == loaded.dictionary.horizon == math.radians(7.0)
+    wi, wo = directions(12, 1), directions(12, 2)
+    assert torch.equal(
+        loaded(all_centres()[:, None], wi, wo), model(all_centres()[:, None], wi, wo)
+    )
+    assert loaded.pack() == model.pack()
+
+
 def test_byte_counts_are_those_of_the_file(model: SPMM) -> None:
     counts = model.byte_counts()
     assert counts["total"] == len(model.pack())

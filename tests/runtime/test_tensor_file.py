@@ -76,7 +76,7 @@ def bad_files() -> dict[str, tuple[bytes, str]]:
         "pickle": (pickle.dumps({"format": "spmm_torch"}), "is damaged or no model"),
         "foreign": (foreign, "is no spmm_torch model"),
         "of torch": (other, "is no spmm_torch model"),
-        "newer": (newer, "has version 99; this program reads version 1"),
+        "newer": (newer, "has version 99; this program reads versions 1 and 2"),
         "no version": (bare, "has version None"),
     }
 
