@@ -109,7 +109,7 @@ def light_pictures(material: Material, texture: Texture, device: torch.device | 
     size = SETTINGS.size
     total = torch.zeros(size * size, len(lights), 3, device=device)
     generator = torch.Generator().manual_seed(SETTINGS.seed)
-    hits = trace(scene, SETTINGS, slice(0, size * size), generator, total)
+    hits = trace(scene, SETTINGS, slice(0, size * size), total, generator)
     for part in slices(len(hits), BLOCK_HITS):
         block = hits[part]
         wi, irradiance = delta_light_directions(block, lights)  # [N, L, 3]

@@ -83,7 +83,7 @@ def sphere_hits(model: SPMM, settings: RenderSettings) -> Hits:
     texture = Texture(REPEAT, model.width / model.height)
     scene = Scene(Sphere(texture), Camera.orthographic(), (white_light(),))
     generator = torch.Generator().manual_seed(settings.seed)
-    return trace(scene, settings, slice(0, settings.size**2), generator, model.weight.detach())
+    return trace(scene, settings, slice(0, settings.size**2), model.weight.detach(), generator)
 
 
 def _texel(model: SPMM, given: tuple[int, int] | None, wo: Tensor) -> int:

@@ -13,6 +13,7 @@ from ..geometry.directions import texel_at
 from ..geometry.grazing import lowest_cosine
 from ..lobes.batch import LobeBatch
 from ..lobes.ragged import stable_order
+from ..lobes.sampling import LobeTable, lobe_intensity, specular_mask
 from ..runtime import tensor_file
 from ..runtime.device import full_precision
 from . import file, sampling
@@ -267,6 +268,18 @@ class SPMM(nn.Module):
             pair = (len(cluster), 3)
             total = total + self.residual(cluster, wi.expand(pair), wo.expand(pair))[self.labels]
         return total.view(self.height, self.width, -1)
+
+    @torch.no_grad()
+    def narrow_share(self, width: float) -> float:
+        """The share of the lobes' mean reflection that lobes narrower than `width` have.
+
+        Args:
+            width: in radians; see `Parameter.from_width`.
+        """
+        lobes = self.dictionary.detach()
+        mean = lobe_intensity(lobes, LobeTable.build(lobes))[self.index] * self.weight.mean(1)
+        narrow = specular_mask(lobes, width)[self.index]
+        return float(mean[narrow].sum()) / max(float(mean.sum()), torch.finfo(mean.dtype).tiny)
 
     def lobe_count_per_texel(self) -> Tensor:
         """Number of lobes of each texel, `[T]`."""
