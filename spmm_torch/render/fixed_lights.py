@@ -1,6 +1,6 @@
 """Environments as a few fixed directions, the same for all pixels: pictures without noise.
 
-Each direction stands for a cell of the environment, its power and its middle [Debevec 2005], so the
+Each direction stands for a cell of the environment, its power and its middle [Deb05], so the
 sum over cells is exact for what varies linearly within them. The cells of a picture are shared out
 among the eye rays of a pixel.
 """
@@ -17,7 +17,7 @@ from .direct import Hits, lit_values
 from .environment import EnvironmentLight
 from .material import Material
 
-# Steps towards cells whose middles stay [Lloyd 1982]; pictures hardly change after them.
+# Steps towards cells whose middles stay [Llo82]; pictures hardly change after them.
 STEPS = 20
 # Points of a map that are sorted into cells.
 MAP_POINTS = 1 << 14
