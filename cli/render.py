@@ -38,12 +38,12 @@ def add_options(parser: Parser) -> None:
         metavar="LIGHT",
         help=f"light: {LIGHT_FORMS}; angles in degrees from +z; may be repeated (default: studio)",
     )
-    add_settings(parser, SceneConfig, "size", "samples", "light_samples")
+    add_settings(parser, SceneConfig, "size", "samples", "lighting", "light_samples")
     add(
         "--exposure",
         default="auto",
         metavar="FACTOR",
-        help="factor from radiance to display values; auto: nearly nothing clips (default: auto)",
+        help="factor from radiance to display values; auto: 99.9th percentile to 1 (default: auto)",
     )
     add(
         "--gamma",

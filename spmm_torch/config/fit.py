@@ -214,6 +214,13 @@ class DictionaryConfig:
     merge: float = setting(
         0.999, "correlation above which two lobes are merged into one", low=0.0, high=1.0
     )
+    horizon: float = setting(
+        10.0,
+        "degrees over its own horizon within which a lobe fades for views; 0: cut hard, as in the "
+        "paper",
+        low=0.0,
+        high=45.0,
+    )
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,18 @@ class RenderSettings:
     samples: int = setting(4, "eye rays through each pixel", low=1, high=MAX_COUNT)
     light_samples: int = setting(
         4,
-        "directions that each eye ray samples from each environment, and as many from the material",
+        "directions of each environment for each eye ray; sampled: and as many of the material",
         low=1,
         high=MAX_COUNT,
     )
     seed: int = setting(0, "seed of every random choice", low=0)
+    lighting: str = setting(
+        "auto",
+        "light of environments: fixed (the same directions for all pixels, without noise), sampled "
+        "(random directions of light and material, for narrow highlights), or auto (sampled for "
+        "models with narrow lobes)",
+        choices=("auto", "fixed", "sampled"),
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
@@ -56,4 +63,4 @@ class SceneConfig(RenderSettings):
     @property
     def settings(self) -> RenderSettings:
         """Size and sampling of the pictures, without the scene."""
-        return RenderSettings(self.size, self.samples, self.light_samples, self.seed)
+        return RenderSettings(self.size, self.samples, self.light_samples, self.seed, self.lighting)

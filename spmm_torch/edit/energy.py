@@ -17,6 +17,7 @@ from torch import Tensor
 from ..brdf import REGISTRY
 from ..geometry.directions import direction_from_angles, frame_from_normal
 from ..lobes.batch import CPU_BLOCK, CUDA_BLOCK, LobeBatch
+from ..lobes.cut import lit_cosine, view_step
 
 # Directions that average a lobe: they are the same before and after, so errors mostly cancel. The
 # fewer the lobes, the more directions each gets, within some hundredths of a second for all.
@@ -61,15 +62,18 @@ def mean_reflection(lobes: LobeBatch, samples: int) -> Tensor:
     """
     mean = torch.zeros_like(lobes.angle)
     wo, importance, u = _points(samples, mean.dtype, mean.device)
+    weight = importance * view_step(wo[..., 2], lobes.horizon)  # [1, S]
     up = frame_from_normal(lobes.normal, lobes.angle)[:, :, 2]  # [J, 3], the texel's normal
     for model, rows in _blocks(lobes, samples):
         kappa = lobes.kappa.index_select(0, rows)[:, None]  # [B, 1, P]
         wi = REGISTRY[model].sample(kappa, wo, u)  # [B, S, 3]
-        value = REGISTRY[model].eval(kappa, wi, wo) * wi[..., 2].clamp(min=0.0)  # Eq. (3)
+        normal = up.index_select(0, rows)[:, None]  # [B, 1, 3]
+        of_texel = _cosine(normal, wi)
+        cosine = lit_cosine(wi[..., 2].clamp(min=0.0), normal[..., 2], of_texel, lobes.lowest)
+        value = REGISTRY[model].eval(kappa, wi, wo) * cosine  # Eq. (3)
         density = REGISTRY[model].pdf(kappa, wi, wo).clamp(min=torch.finfo(mean.dtype).tiny)
-        horizon = up.index_select(0, rows)[:, None]  # [B, 1, 3]
-        seen = _cosine(horizon, wi).clamp(0.0, 1.0) * _cosine(horizon, wo).clamp(0.0, 1.0)
-        mean[rows] = (value / density * importance * seen.ceil()).mean(dim=1)
+        seen = of_texel.clamp(0.0, 1.0) * _cosine(normal, wo).clamp(0.0, 1.0)
+        mean[rows] = (value / density * weight * seen.ceil()).mean(dim=1)
     return mean / (2.0 * math.pi)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -62,9 +64,10 @@ def differing(before: LobeBatch, after: LobeBatch) -> Tensor:
 
 def _chosen(mask: Tensor, first: LobeBatch, second: LobeBatch) -> LobeBatch:
     """The lobes of `first` where `mask [J]` is true, else those of `second`."""
-    return LobeBatch(
-        torch.where(mask, first.model, second.model),
-        torch.where(mask[:, None], first.kappa, second.kappa),
-        torch.where(mask[:, None], first.normal, second.normal),
-        torch.where(mask, first.angle, second.angle),
+    return replace(
+        second,
+        model=torch.where(mask, first.model, second.model),
+        kappa=torch.where(mask[:, None], first.kappa, second.kappa),
+        normal=torch.where(mask[:, None], first.normal, second.normal),
+        angle=torch.where(mask, first.angle, second.angle),
     )

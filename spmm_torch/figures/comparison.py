@@ -28,7 +28,7 @@ PLANE_CAMERA = (math.radians(50.0), math.radians(270.0))
 CAPTION = (
     "Rendering comparisons. In each pair the left picture is the original BTF, interpolated "
     "between its measured directions, and the right one is the model. Both share one exposure, "
-    "which maps the 99th percentile of the original to white."
+    "which maps the 99.9th percentile of the original to white."
 )
 
 

@@ -16,8 +16,8 @@ from torch import Tensor
 from ..edit import Script, change_colours
 from ..edit.edits.hue_saturation import HueSaturation
 from ..edit.examples import example
+from ..geometry.grazing import grazing_fade, lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation
-from ..model.measured_pairs import LOWEST_COSINE
 from ..model.spmm import SPMM
 from ..render import Rendering, RenderSettings, Scene, auto_exposure, render
 from ..render.material import Material
@@ -86,8 +86,7 @@ class AsMeasured:
         """Linear cosine-weighted RGB `[..., C]`; see `Material`."""
         light, light_weight = self.light.weights(wi)  # [..., 3]
         view, view_weight = self.view.weights(wo)  # [..., 3]
-        lowest = max(float(self.model.light[:, 2].min()), LOWEST_COSINE)
-        fade = (wi[..., 2:] / lowest).clamp(0.0, 1.0) * (wo[..., 2:] > 0.0)
+        fade = grazing_fade(wi[..., 2:], lowest_cosine(self.model.light)) * (wo[..., 2:] > 0.0)
         value = self.model(
             uv[..., None, None, :],
             self.model.light[light][..., None, :, :],

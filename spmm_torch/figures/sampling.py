@@ -83,7 +83,7 @@ def sphere_hits(model: SPMM, settings: RenderSettings) -> Hits:
     texture = Texture(REPEAT, model.width / model.height)
     scene = Scene(Sphere(texture), Camera.orthographic(), (white_light(),))
     generator = torch.Generator().manual_seed(settings.seed)
-    return trace(scene, settings, slice(0, settings.size**2), generator, model.weight.detach())
+    return trace(scene, settings, slice(0, settings.size**2), model.weight.detach(), generator)
 
 
 def _texel(model: SPMM, given: tuple[int, int] | None, wo: Tensor) -> int:
@@ -173,8 +173,21 @@ def _caption(values: dict[str, Any]) -> str:
         f"higher, (b) {DOTS:,} samples by the model's own sampling, (c) as many of a cosine lobe. "
         f"Bottom: the sphere in studio light in {times['spmm']['seconds']:.2f} s by each sampler "
         f"alone: (d) ours with {times['spmm']['directions_per_pixel']} directions a pixel, (e) the "
-        f"cosine lobe with {times['cosine']['directions_per_pixel']}. The variance of (d) is lower "
-        f"by a factor of {studio['equal_time']:.1f} at equal time and {studio['equal_count']:.1f} "
-        f"at equal sample count; for the texel under light from everywhere by "
-        f"{texel['equal_time']:.1f} and {texel['equal_count']:.1f}."
+        f"cosine lobe with {times['cosine']['directions_per_pixel']}. {_verdict(studio, texel)}"
+    )
+
+
+def _verdict(studio: dict[str, float], texel: dict[str, float]) -> str:
+    """What sampling by the model gains on the sphere and on the texel, or that it gains nothing."""
+    if studio["equal_time"] < 1.0:
+        return (
+            f"This material is matt: a cosine lobe does as well on the sphere. At equal sample "
+            f"count its variance is {studio['equal_count']:.2f} times ours, at equal time "
+            f"{studio['equal_time']:.2f} times; for the texel under light from everywhere "
+            f"{texel['equal_count']:.2f} and {texel['equal_time']:.2f} times."
+        )
+    return (
+        f"The variance of (d) is lower by a factor of {studio['equal_time']:.1f} at equal time and "
+        f"{studio['equal_count']:.1f} at equal sample count; for the texel under light from "
+        f"everywhere by {texel['equal_time']:.1f} and {texel['equal_count']:.1f}."
     )

@@ -13,6 +13,9 @@ from ..lobes.grid import DirectionGrid, distinct
 from ..solvers.status import StatusCounts
 from .problem import Problem
 
+# Tensors of lobes in a checkpoint, in the order of the fields of `LobeBatch`.
+LOBE_TENSORS = ("model", "kappa", "normal", "angle")
+
 
 @dataclass(frozen=True)
 class FoundLobes:
@@ -40,14 +43,17 @@ class FoundLobes:
     def to_tensors(self) -> dict[str, Tensor]:
         """Tensors for a checkpoint: `cluster [N]`, `error [N]` and others by their names."""
         own = {name: getattr(self, name) for name in ("cluster", "error", "starts")}
-        return {**own, "solvers": self.solvers.table, **vars(self.lobes)}
+        lobes = {name: getattr(self.lobes, name) for name in LOBE_TENSORS}
+        horizon = torch.tensor(self.lobes.horizon, dtype=torch.float64)
+        return {**own, "solvers": self.solvers.table, **lobes, "horizon": horizon}
 
     @classmethod
     def from_tensors(cls, tensors: dict[str, Tensor]) -> FoundLobes:
         """The lobes of a checkpoint, on the CPU; see `FoundLobes.to_tensors`."""
-        parts = (tensors[name] for name in ("model", "kappa", "normal", "angle"))
+        parts = (tensors[name] for name in LOBE_TENSORS)
         cluster, error, starts = (tensors[name] for name in ("cluster", "error", "starts"))
-        return cls(LobeBatch(*parts), cluster, error, starts, StatusCounts(tensors["solvers"]))
+        lobes = LobeBatch(*parts, horizon=float(tensors["horizon"]))
+        return cls(lobes, cluster, error, starts, StatusCounts(tensors["solvers"]))
 
 
 @dataclass(frozen=True)

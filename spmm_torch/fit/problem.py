@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
@@ -62,7 +63,8 @@ class Problem:
     def grid(self) -> DirectionGrid:
         """The measured direction pairs, scaled by the square roots of their weights."""
         scale = self.weights.scale(self.device)
-        return DirectionGrid.build(self.btf.light, self.btf.view, self.device, scale)
+        horizon = math.radians(self.config.dictionary.horizon)
+        return DirectionGrid.build(self.btf.light, self.btf.view, self.device, scale, horizon)
 
     def signals(self, texels: Index) -> Tensor:
         """Values `[n, C, D]` of some texels times the square roots of the weights of the pairs."""

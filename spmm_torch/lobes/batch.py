@@ -7,8 +7,8 @@ lobe.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -22,6 +22,7 @@ from ..geometry.directions import (
     normal_from_disk,
     project_disk,
 )
+from .cut import lit_cosine, view_step
 from .ragged import groups
 
 # Values of one block of lobes: few enough for the cache of a CPU core, enough to fill a GPU.
@@ -40,33 +41,38 @@ class LobeBatch:
         kappa: parameters of the models in their own units, `[J, MAX_PARAMETERS]`, zero-padded.
         normal: unit normals n_j in texel coordinates, `[J, 3]`.
         angle: rotation of the tangent about the normal in radians, `[J]`; 0 for isotropic models.
+        horizon: angle over its own horizon within which a lobe fades for views, in radians; 0 cuts
+            it hard, as the paper does.
+        lowest: z of the lowest measured light, below which lobes fade; 0 lets none fade.
     """
 
     model: Tensor
     kappa: Tensor
     normal: Tensor
     angle: Tensor
+    horizon: float = 0.0
+    lowest: float = 0.0
 
     def __len__(self) -> int:
         return self.model.shape[0]
 
     def __getitem__(self, index: Tensor | slice) -> LobeBatch:
         """The lobes at `index` (long or bool tensor, or slice)."""
-        return LobeBatch(*(part[index] for part in self._parts()))
+        return self._with(part[index] for part in self._parts())
 
     def to(self, device: torch.device | str) -> LobeBatch:
         """The same lobes on another device."""
-        return LobeBatch(*(part.to(device) for part in self._parts()))
+        return self._with(part.to(device) for part in self._parts())
 
     def detach(self) -> LobeBatch:
         """The same lobes without their autograd graph."""
-        return LobeBatch(*(part.detach() for part in self._parts()))
+        return self._with(part.detach() for part in self._parts())
 
     @staticmethod
     def cat(batches: Sequence[LobeBatch]) -> LobeBatch:
-        """The lobes of several batches, one batch after another."""
+        """The lobes of several batches, one batch after another, that end as those of the first."""
         columns = zip(*(batch._parts() for batch in batches), strict=True)
-        return LobeBatch(*(torch.cat(column) for column in columns))
+        return batches[0]._with(torch.cat(column) for column in columns)
 
     def by_model(self) -> Iterator[tuple[int, Tensor]]:
         """Every model in use: (index into `MODEL_NAMES`, ascending indices `[N]` of its lobes)."""
@@ -116,10 +122,16 @@ class LobeBatch:
                 kappa = self.kappa.index_select(0, index)
                 normal = self.normal.index_select(0, index)
                 angle = self.angle.index_select(0, index)
-                yield index, eval_model(model, kappa, normal, angle, part_wi, part_wo)
+                ends = self.horizon, self.lowest
+                yield index, eval_model(model, kappa, normal, angle, part_wi, part_wo, *ends)
+
+    def _with(self, parts: Iterable[Tensor]) -> LobeBatch:
+        """Lobes of other tensors, in the order of `_parts`, that end as these do."""
+        model, kappa, normal, angle = parts
+        return replace(self, model=model, kappa=kappa, normal=normal, angle=angle)
 
     def _parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """All fields, in their order."""
+        """All tensors, in the order of the fields."""
         return self.model, self.kappa, self.normal, self.angle
 
 
@@ -134,13 +146,20 @@ def _check_precision(*tensors: Tensor) -> None:
 
 
 def eval_model(
-    model: int, kappa: Tensor, normal: Tensor, angle: Tensor, wi: Tensor, wo: Tensor
+    model: int,
+    kappa: Tensor,
+    normal: Tensor,
+    angle: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+    horizon: float = 0.0,
+    lowest: float = 0.0,
 ) -> Tensor:
     """rho `[J, ...]` of J lobes of one model [WDR11 Eq. 3]; fastest if components are contiguous.
 
     Args:
         model: index into `MODEL_NAMES`.
-        kappa, normal, angle: of the lobes, as in `LobeBatch`.
+        kappa, normal, angle, horizon, lowest: of the lobes, as in `LobeBatch`.
         wi, wo: directions `[1 or J, ..., 3]`, as in `LobeBatch.eval`.
 
     Raises:
@@ -152,8 +171,12 @@ def eval_model(
     middle = max(wi.ndim, wo.ndim) - 2
     parameters = kappa.view(kappa.shape[0], *(1,) * middle, kappa.shape[1])
     value = REGISTRY[model].eval(parameters, local_wi, local_wo)
-    cosine = local_wi[..., 2].clamp(min=0.0) * above_horizon(wi, wo)
-    return value * cosine  # Eq. (3)
+    cosine = local_wi[..., 2].clamp(min=0.0)
+    upright = normal[:, 2].view(-1, *(1,) * (cosine.ndim - 1))
+    cosine = lit_cosine(cosine, upright, wi[..., 2], lowest)
+    if horizon > 0.0:
+        cosine = cosine * view_step(local_wo[..., 2], horizon)
+    return value * (cosine * above_horizon(wi, wo))  # Eq. (3)
 
 
 def rotate(rotation: Tensor, w: Tensor) -> Tensor:
@@ -173,10 +196,10 @@ def anisotropic_mask(model: Tensor) -> Tensor:
     return table[model]
 
 
-def decode(model: Tensor, coordinates: Tensor) -> LobeBatch:
+def decode(model: Tensor, coordinates: Tensor, horizon: float = 0.0) -> LobeBatch:
     """Lobes of search coordinates `[J, COORDINATES]`: disk x and y, angle, parameters on [0, 1].
 
-    The map is smooth, so the search can differentiate it.
+    The map is smooth, so the search can differentiate it. `horizon` is that of `LobeBatch`.
     """
     kappa = torch.zeros_like(coordinates[:, 3:])
     for index, rows in groups(model, len(REGISTRY)):
@@ -187,7 +210,8 @@ def decode(model: Tensor, coordinates: Tensor) -> LobeBatch:
             padding = [torch.zeros_like(values[0])] * (MAX_PARAMETERS - len(table))
             kappa = kappa.index_copy(0, rows, torch.stack(values + padding, dim=-1))
     turn = anisotropic_mask(model).to(coordinates.dtype)
-    return LobeBatch(model, kappa, normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn)
+    normal, angle = normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn
+    return LobeBatch(model, kappa, normal, angle, horizon)
 
 
 def encode(lobes: LobeBatch) -> Tensor:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -23,24 +23,31 @@ class DirectionGrid:
         light: `[1, 1, L, 3]`.
         view: `[1, V, 1, 3]`.
         scale: factor of all values, the square root of the weight of each pair, `[D]`; None: 1.
+        horizon: of the lobes that `decode` gives, as in `LobeBatch`.
     """
 
     light: Tensor
     view: Tensor
     scale: Tensor | None = None
+    horizon: float = 0.0
 
     @classmethod
     def build(
-        cls, light: Tensor, view: Tensor, device: torch.device, scale: Tensor | None = None
+        cls,
+        light: Tensor,
+        view: Tensor,
+        device: torch.device,
+        scale: Tensor | None = None,
+        horizon: float = 0.0,
     ) -> DirectionGrid:
         """The grid of lights `[L, 3]` and views `[V, 3]`, scaled by `scale [D]`."""
         scale = None if scale is None else scale.to(device)
-        return cls(light.to(device)[None, None], view.to(device)[None, :, None], scale)
+        return cls(light.to(device)[None, None], view.to(device)[None, :, None], scale, horizon)
 
     @property
     def unscaled(self) -> DirectionGrid:
         """The same pairs without their weights."""
-        return DirectionGrid(self.light, self.view)
+        return replace(self, scale=None)
 
     @property
     def pair_count(self) -> int:
@@ -52,6 +59,10 @@ class DirectionGrid:
         """The smaller of the angles between neighbouring lights and neighbouring views."""
         sets = self.light[0, 0], self.view[0, :, 0]
         return min(angular_spacing(directions.cpu()) for directions in sets)
+
+    def decode(self, model: Tensor, coordinates: Tensor) -> LobeBatch:
+        """Lobes of `model [J]` at search coordinates `[J, COORDINATES]`, with this horizon."""
+        return decode(model, coordinates, self.horizon)
 
     def eval(self, lobes: LobeBatch) -> Tensor:
         """Values of lobes on all pairs, `[J, D]` [WDR11 Eq. 3]."""
@@ -75,13 +86,13 @@ class DirectionGrid:
 
     def values(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """Values `[S, M, D]` of lobes `model [S, M]` at search `coordinates [S, M, P]`."""
-        lobes = decode(model.reshape(-1), coordinates.flatten(0, 1))
+        lobes = self.decode(model.reshape(-1), coordinates.flatten(0, 1))
         return self.eval(lobes).unflatten(0, model.shape)
 
     def jacobian(self, model: Tensor, coordinates: Tensor) -> tuple[Tensor, Tensor]:
         """`values`, and their derivatives along all coordinates `[S, M, P, D]`."""
         rho, derivative = eval_with_jacobian(
-            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view
+            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view, self.horizon
         )
         rho, derivative = self.scaled(rho.flatten(1)), self.scaled(derivative.flatten(2))
         return rho.unflatten(0, model.shape), derivative.unflatten(0, model.shape)

@@ -15,6 +15,7 @@ from ..brdf import MAX_PARAMETERS, REGISTRY
 from ..brdf.base import above_horizon
 from ..geometry.directions import frame_from_normal, normal_from_disk
 from .batch import COORDINATES, CUDA_BLOCK, anisotropic_mask, rotate
+from .cut import view_step
 from .ragged import groups
 
 # Values of one tensor of a block: few enough for the caches, enough to hide the cost of a call.
@@ -24,7 +25,7 @@ LIVE_TENSORS = 64
 
 
 def eval_with_jacobian(
-    model: Tensor, coordinates: Tensor, wi: Tensor, wo: Tensor
+    model: Tensor, coordinates: Tensor, wi: Tensor, wo: Tensor, horizon: float = 0.0
 ) -> tuple[Tensor, Tensor]:
     """Values of lobes and their Jacobian [WDR11 Eq. 3].
 
@@ -32,6 +33,7 @@ def eval_with_jacobian(
         model: `[J]`.
         coordinates: search coordinates `[J, COORDINATES]`.
         wi, wo: directions `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
+        horizon: of the lobes, as in `LobeBatch`.
 
     Returns:
         rho `[J, ...]` and d rho / d coordinates `[J, COORDINATES, ...]`, which is 0 along
@@ -44,11 +46,13 @@ def eval_with_jacobian(
     size = max(1, budget // max(1, shape.numel()))
     for index, of_model in groups(model, len(REGISTRY)):
         for rows in of_model.split(size):
-            rho[rows], jacobian[rows] = _block(index, coordinates[rows].detach(), wi, wo)
+            rho[rows], jacobian[rows] = _block(index, coordinates[rows].detach(), wi, wo, horizon)
     return rho, jacobian
 
 
-def _block(model: int, coordinates: Tensor, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+def _block(
+    model: int, coordinates: Tensor, wi: Tensor, wo: Tensor, horizon: float
+) -> tuple[Tensor, Tensor]:
     """`eval_with_jacobian` of lobes of one model."""
     shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
     frame = _frames(model, coordinates)
@@ -60,7 +64,7 @@ def _block(model: int, coordinates: Tensor, wi: Tensor, wo: Tensor) -> tuple[Ten
     kappa, kappa_derivative = _parameters(model, coordinates, len(shape))
     kappa = [part.expand_as(local[0]).contiguous().requires_grad_() for part in kappa]
     with torch.enable_grad():
-        rho = _eval(model, kappa, local) * above_horizon(wi, wo)  # Eq. (3)
+        rho = _eval(model, kappa, local, horizon) * above_horizon(wi, wo)  # Eq. (3)
         gradients = torch.autograd.grad(
             rho.sum(), local + kappa, allow_unused=True, materialize_grads=True
         )
@@ -74,12 +78,13 @@ def _block(model: int, coordinates: Tensor, wi: Tensor, wo: Tensor) -> tuple[Ten
     return rho.detach(), jacobian
 
 
-def _eval(model: int, kappa: list[Tensor], local: list[Tensor]) -> Tensor:
+def _eval(model: int, kappa: list[Tensor], local: list[Tensor], horizon: float) -> Tensor:
     """f_r (n_j . wi) `[J, ...]` of kappa and local wi and wo, by components `[J, ...]`."""
     padding = [torch.zeros_like(local[0])] * (MAX_PARAMETERS - len(kappa))
     parameters = torch.stack(kappa + padding).movedim(0, -1)
     wi, wo = (torch.stack(local[first : first + 3]).movedim(0, -1) for first in (0, 3))
-    return REGISTRY[model].eval(parameters, wi, wo) * wi[..., 2].clamp(min=0.0)
+    rho = REGISTRY[model].eval(parameters, wi, wo) * wi[..., 2].clamp(min=0.0)
+    return rho * view_step(wo[..., 2], horizon) if horizon > 0.0 else rho
 
 
 def _frames(model: int, coordinates: Tensor) -> Tensor:

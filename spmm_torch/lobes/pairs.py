@@ -110,7 +110,9 @@ def eval_pairs(
             own.index_select(0, owner) for own in (lobes.kappa, lobes.normal, lobes.angle)
         )
         at = rows.query[part]
-        parts.append(eval_model(model, kappa, normal, angle, gather(wi, at), gather(wo, at)))
+        pair = gather(wi, at), gather(wo, at)
+        ends = lobes.horizon, lobes.lowest
+        parts.append(eval_model(model, kappa, normal, angle, *pair, *ends))
     return rows.spread(parts)
 
 

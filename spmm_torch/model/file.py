@@ -82,9 +82,10 @@ class ModelParts:
     relief: Relief | None = None
 
 
-def needed_version(tensors: Tensors) -> str:
-    """The least version of the format that has all parts of a file."""
-    return "2" if any(name.startswith(VERSION_2) for name in tensors) else "1"
+def needed_version(tensors: Tensors, horizon: float) -> str:
+    """The least version of the format that has all parts of a file, given that of its lobes."""
+    newer = horizon > 0.0 or any(name.startswith(VERSION_2) for name in tensors)
+    return "2" if newer else "1"
 
 
 def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
@@ -107,12 +108,14 @@ def to_tensors(parts: ModelParts) -> tuple[Tensors, dict[str, str]]:
         tensors |= {f"components.{name}": getattr(parts.components, name) for name in COMPONENTS}
     tensors |= _relief_tensors(parts.relief)
     metadata = {
-        "version": needed_version(tensors),
+        "version": needed_version(tensors, lobes.horizon),
         "name": parts.name,
         "models": json.dumps(names),
         "height": str(parts.height),
         "width": str(parts.width),
     }
+    if lobes.horizon > 0.0:
+        metadata["horizon"] = repr(lobes.horizon)
     if parts.relief is not None:
         metadata["rule"] = parts.relief.rule
     return tensors, metadata
@@ -171,14 +174,15 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
 
     Raises:
         KeyError: a tensor or a key of the metadata is missing.
-        ValueError: a BRDF is not known, a height or width is not a number, or the relief is not
-            valid.
+        ValueError: a BRDF is not known, a height, a width or the horizon is not a number, or the
+            relief is not valid.
     """
     lobes = LobeBatch(
         loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
         loaded_kappa(tensors["dictionary.kappa"]),
         tensors["dictionary.normal"],
         tensors["dictionary.angle"],
+        float(metadata.get("horizon", 0.0)),
     )
     light, view = tensors["directions.light"], tensors["directions.view"]
     return ModelParts(

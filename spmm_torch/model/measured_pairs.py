@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..geometry.grazing import grazing_fade, lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation
-
-# Least cosine of the lowest measured light, which cosines are divided by: it may be 0.
-LOWEST_COSINE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -19,7 +17,7 @@ class MeasuredPairs:
 
     Attributes:
         light, view: meshes of the measured directions, L and V.
-        lowest_light: z of the lowest measured light, LOWEST_COSINE at least.
+        lowest_light: z of the lowest measured light; see `lowest_cosine`.
     """
 
     light: HemisphereInterpolation
@@ -30,7 +28,7 @@ class MeasuredPairs:
     def build(cls, light: Tensor, view: Tensor) -> MeasuredPairs:
         """The interpolation between lights `[L, 3]` and views `[V, 3]`."""
         meshes = (HemisphereInterpolation.build(light), HemisphereInterpolation.build(view))
-        return cls(*meshes, max(float(light[:, 2].min()), LOWEST_COSINE))
+        return cls(*meshes, lowest_cosine(light))
 
     def to(self, device: torch.device | str) -> MeasuredPairs:
         """The same interpolation on another device."""
@@ -47,7 +45,7 @@ class MeasuredPairs:
         """
         light, light_weight = self.light.weights(wi)  # [Q, 3]
         view, view_weight = self.view.weights(wo)  # [Q, 3]
-        fade = (wi[:, 2:] / self.lowest_light).clamp(0.0, 1.0) * (wo[:, 2:] > 0.0)
+        fade = grazing_fade(wi[:, 2:], self.lowest_light) * (wo[:, 2:] > 0.0)
         pair = view[:, :, None] * len(self.light.directions) + light[:, None, :]
         weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]
         return pair.flatten(1), weight.flatten(1)

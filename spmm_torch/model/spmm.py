@@ -10,9 +10,11 @@ from torch import Tensor, nn
 from ..brdf import MODEL_NAMES
 from ..errors import OutputError
 from ..geometry.directions import REPEAT, texel_at
+from ..geometry.grazing import lowest_cosine
 from ..geometry.relief import texel_centres
 from ..lobes.batch import LobeBatch
 from ..lobes.ragged import stable_order
+from ..lobes.sampling import LobeTable, lobe_intensity, specular_mask
 from ..runtime import tensor_file
 from ..runtime.device import full_precision
 from . import file, sampling
@@ -70,6 +72,7 @@ class SPMM(nn.Module):
         super().__init__()
         self.height, self.width, self.name = height, width, name
         self.weight_type = weight_type
+        self.horizon, self.lowest_light = lobes.horizon, lowest_cosine(light)
         self.kappa = nn.Parameter(lobes.kappa)
         self.normal = nn.Parameter(lobes.normal)
         self.angle = nn.Parameter(lobes.angle)
@@ -150,7 +153,8 @@ class SPMM(nn.Module):
     @property
     def dictionary(self) -> LobeBatch:
         """The J lobes."""
-        return LobeBatch(self.lobe_model, self.kappa, self.normal, self.angle)
+        parts = (self.lobe_model, self.kappa, self.normal, self.angle)
+        return LobeBatch(*parts, self.horizon, self.lowest_light)
 
     @property
     def cluster_count(self) -> int:
@@ -179,7 +183,8 @@ class SPMM(nn.Module):
         A view shows the point where its ray meets the relief. Texels are interpolated bilinearly,
         and the texture repeats, or continues by the rule of its relief; without a relief, a texel
         centre returns its texel. Lobes are analytic, so directions need not be measured ones; the
-        residual is interpolated between those, and signed, so values a little below 0 occur.
+        residual is interpolated between those, and signed, so values a little below 0 occur. Both
+        fade below the lowest measured light.
 
         Args:
             uv: texture coordinates `[..., 2]`, u right, v up.
@@ -349,6 +354,18 @@ class SPMM(nn.Module):
             functions = self.components.functions(wi[None], wo[None])[0]  # [R, C]
             total = total + self.components.coefficients().to(functions) @ functions
         return total
+
+    @torch.no_grad()
+    def narrow_share(self, width: float) -> float:
+        """The share of the lobes' mean reflection that lobes narrower than `width` have.
+
+        Args:
+            width: in radians; see `Parameter.from_width`.
+        """
+        lobes = self.dictionary.detach()
+        mean = lobe_intensity(lobes, LobeTable.build(lobes))[self.index] * self.weight.mean(1)
+        narrow = specular_mask(lobes, width)[self.index]
+        return float(mean[narrow].sum()) / max(float(mean.sum()), torch.finfo(mean.dtype).tiny)
 
     def lobe_count_per_texel(self) -> Tensor:
         """Number of lobes of each texel, `[T]`."""

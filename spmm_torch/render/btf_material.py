@@ -9,8 +9,8 @@ from torch import Tensor
 
 from ..data import BTF
 from ..geometry.directions import REPEAT, texel_at
+from ..geometry.grazing import grazing_fade, lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation
-from ..model.measured_pairs import LOWEST_COSINE
 from ..runtime.memory import slices
 
 # Values of whole texels that are decoded at once: 64 MB of float32.
@@ -84,8 +84,7 @@ class BTFMaterial:
         """
         light, light_weight = self.light_mesh.weights(wi)  # [..., 3]
         view, view_weight = self.view_mesh.weights(wo)  # [..., 3]
-        lowest = max(float(self.btf.light[:, 2].min()), LOWEST_COSINE)
-        fade = (wi[..., 2] / lowest).clamp(0.0, 1.0)
+        fade = grazing_fade(wi[..., 2], lowest_cosine(self.btf.light))
         light_weight = light_weight * fade[..., None]
         view_weight = view_weight * (wo[..., 2:] > 0.0)
         pair = view[..., :, None] * len(self.btf.light) + light[..., None, :]

@@ -16,8 +16,10 @@ from ..data.codecs import openexr
 from ..errors import ConfigError
 from ..runtime.atomic import new_file
 
-# Fraction of the covered pixels that is shown without clipping.
+# Fraction of values that measured pictures show without clipping; some of their pixels are faulty.
 SHOWN_FRACTION = 0.99
+# The same of rendered pictures, whose highlights must not burn out.
+RENDERED_FRACTION = 0.999
 # The display curve of sRGB [IEC 61966-2-1].
 SRGB_KNEE, SRGB_SLOPE, SRGB_SCALE, SRGB_GAMMA = 0.0031308, 12.92, 1.055, 2.4
 # Milliseconds of a frame of a turntable; a multiple of 10, as GIF counts hundredths.
@@ -30,7 +32,9 @@ Codes = NDArray[np.uint8]
 
 
 def auto_exposure(pictures: Sequence[Tensor], coverages: Sequence[Tensor]) -> float:
-    """The factor that maps the 99th percentile of covered pixels to 1; 1 if they are all black.
+    """The factor that maps the 99.9th percentile of covered pixels to 1; 1 if they are all black.
+
+    Pictures that are compared share one factor.
 
     Args:
         pictures: linear, `[H, W, C]` each.
@@ -40,12 +44,12 @@ def auto_exposure(pictures: Sequence[Tensor], coverages: Sequence[Tensor]) -> fl
         picture[coverage > 0.0].flatten().cpu().numpy()
         for picture, coverage in zip(pictures, coverages, strict=True)
     ]
-    return white_exposure(np.concatenate(values))
+    return white_exposure(np.concatenate(values), RENDERED_FRACTION)
 
 
-def white_exposure(values: np.ndarray) -> float:
-    """The factor that maps the 99th percentile of values to 1; 1 if they are all black."""
-    for white in (np.quantile(values, SHOWN_FRACTION), values.max()):
+def white_exposure(values: np.ndarray, fraction: float = SHOWN_FRACTION) -> float:
+    """The factor that maps the quantile `fraction` of values to 1; 1 if they are all black."""
+    for white in (np.quantile(values, fraction), values.max()):
         if white > 0.0:
             return 1.0 / float(white)
     return 1.0

@@ -60,10 +60,8 @@ class EnvironmentLight:
         """
         _check_radiance(picture, name)
         height, width = picture.shape[:2]
-        edges = torch.cos(torch.linspace(0.0, math.pi, height + 1, dtype=torch.float64))
-        solid_angle = (edges[:-1] - edges[1:]).to(picture.device) * (2.0 * math.pi / width)  # [H]
-        weights = torch.tensor(LUMINANCE, dtype=torch.float64, device=picture.device)
-        power = (picture.double() @ weights) * solid_angle[:, None]  # [H, W]
+        solid_angle = _map_directions(height, width, picture.device)[1]  # [H]
+        power = cls.luminance(picture.double()) * solid_angle[:, None]  # [H, W]
         row_power = power.sum(1)
         fraction = power / row_power.clamp(min=torch.finfo(torch.float64).tiny)[:, None]
         ascending = torch.arange(height, dtype=torch.float64, device=picture.device)
@@ -132,6 +130,31 @@ class EnvironmentLight:
         """RGB `[..., 3]` from unit directions `[..., 3]`."""
         return self.picture.reshape(-1, 3)[self._pixel(direction)].to(direction.dtype)
 
+    def points(self, count: int) -> tuple[Tensor, Tensor]:
+        """(unit directions `[N, 3]`, power `[N, 3]`) of about `count` points, float64.
+
+        They are the pixels of the map: divided if they are fewer, averaged over blocks if they are
+        more. Directions are in world axes; power is radiance times solid angle.
+        """
+        picture = self.picture.double()
+        side = math.sqrt(picture.shape[0] * picture.shape[1] / count)
+        block, parts = math.ceil(side), max(1, math.floor(1.0 / side))
+        picture = picture.repeat_interleave(parts, 0).repeat_interleave(parts, 1)
+        direction, solid_angle = _map_directions(*picture.shape[:2], picture.device)
+        power = picture * solid_angle[:, None, None]
+        if block > 1:
+            weight = self.luminance(power)[..., None]
+            direction = _block_sums(direction * weight, block)
+            direction = direction + torch.finfo(torch.float64).tiny  # of black blocks
+            power = _block_sums(power, block)
+        direction = direction / direction.norm(dim=-1, keepdim=True)
+        return direction.reshape(-1, 3) @ self.rotation.T, power.reshape(-1, 3)
+
+    @staticmethod
+    def luminance(rgb: Tensor) -> Tensor:
+        """Relative luminance `[...]` of RGB `[..., 3]` [ITU-R BT.709]."""
+        return rgb @ torch.tensor(LUMINANCE, dtype=rgb.dtype, device=rgb.device)
+
     def _pixel(self, direction: Tensor) -> Tensor:
         """Index `[...]` of the pixel in each direction."""
         height, width = self.picture.shape[:2]
@@ -155,6 +178,26 @@ def studio_picture(rows: int) -> Tensor:
         inside = (away.abs() < half_width) & ((elevation - up).abs() < half_height)
         picture[inside] = torch.tensor(rgb)
     return picture
+
+
+def _map_directions(height: int, width: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """(directions of pixels in map axes `[H, W, 3]`, their solid angle by row `[H]`), float64."""
+    edges = torch.cos(torch.linspace(0.0, math.pi, height + 1, dtype=torch.float64))
+    polar = (torch.arange(height, dtype=torch.float64) + 0.5) * (math.pi / height)
+    longitude = math.pi - (torch.arange(width, dtype=torch.float64) + 0.5) * (2.0 * math.pi / width)
+    radius = torch.sin(polar)[:, None]
+    y = torch.cos(polar)[:, None].expand(height, width)
+    direction = torch.stack((radius * torch.sin(longitude), y, radius * torch.cos(longitude)), -1)
+    solid_angle = (edges[:-1] - edges[1:]) * (2.0 * math.pi / width)
+    return direction.to(device), solid_angle.to(device)
+
+
+def _block_sums(values: Tensor, block: int) -> Tensor:
+    """Sums `[h, w, 3]` of `values [H, W, 3]` over blocks of `block` x `block`, cut at the edges."""
+    rows, columns = (torch.arange(n, device=values.device) // block for n in values.shape[:2])
+    shape = (int(rows[-1]) + 1, int(columns[-1]) + 1, 3)
+    by_row = values.new_zeros(shape[0], values.shape[1], 3).index_add_(0, rows, values)
+    return values.new_zeros(shape).index_add_(1, columns, by_row)
 
 
 def _search(cumulative: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:

@@ -8,6 +8,12 @@ from typing import Protocol, runtime_checkable
 from torch import Tensor
 
 from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
+from ..model.spmm import SPMM
+
+# Width of lobes whose highlights show the single directions of fixed lights, in radians.
+NARROW_WIDTH = 0.12
+# Share of the reflected light up to which such highlights do not show.
+NARROW_SHARE = 0.01
 
 
 class Material(Protocol):
@@ -57,6 +63,12 @@ class CosineSampled:
     def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """cos(theta_i) / pi `[...]`."""
         return square_to_cosine_hemisphere_pdf(wi)
+
+
+def has_narrow_highlights(material: Material) -> bool:
+    """Whether lobes narrower than the gaps between fixed lights reflect a visible part."""
+    model = material.material if isinstance(material, CosineSampled) else material
+    return isinstance(model, SPMM) and model.narrow_share(NARROW_WIDTH) > NARROW_SHARE
 
 
 def with_sampler(material: Material) -> SampledMaterial:

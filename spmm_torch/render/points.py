@@ -11,18 +11,23 @@ from torch import Tensor
 LIGHT_NUMBERS, MATERIAL_NUMBERS = 2, 3
 
 
-def pixel_points(pixel: Tensor, size: int, samples: int, generator: torch.Generator) -> Tensor:
-    """One random point in each stratum of each pixel: `[N, samples, 2]`, rightwards and up.
+def pixel_points(
+    pixel: Tensor, size: int, samples: int, generator: torch.Generator | None = None
+) -> Tensor:
+    """One point in each stratum of each pixel: `[N, samples, 2]`, rightwards and up.
 
     Args:
         pixel: row * size + column of N pixels, row 0 at the top.
         size: pixels along each side of the picture, which spans 0 to 1.
         samples: strata of a pixel, as nearly square as their number allows.
-        generator: on the CPU.
+        generator: of random points, on the CPU; None: the middles of the strata.
     """
     down = max(n for n in range(1, math.isqrt(samples) + 1) if samples % n == 0)
     across = samples // down
-    jitter = torch.rand(len(pixel), samples, 2, generator=generator).to(pixel.device)
+    jitter = torch.full((len(pixel), samples, 2), 0.5)
+    if generator is not None:
+        jitter = torch.rand(jitter.shape, generator=generator)
+    jitter = jitter.to(pixel.device)
     stratum = torch.arange(samples, device=pixel.device)
     x = (pixel % size)[:, None] + (stratum % across + jitter[..., 0]) / across
     y = torch.div(pixel, size, rounding_mode="floor")[:, None]

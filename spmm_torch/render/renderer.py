@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -14,12 +14,15 @@ from ..runtime.memory import slices
 from .camera import Camera
 from .direct import BLOCK_DIRECTIONS, Hits, from_delta_lights, from_environment
 from .environment import EnvironmentLight
+from .fixed_lights import FixedLights, from_fixed_lights
 from .lights import DirectionalLight, PointLight
-from .material import Material, with_sampler
+from .material import Material, has_narrow_highlights, with_sampler
 from .points import LightNumbers, pixel_points
 from .shapes import Shape
 
 Light = DirectionalLight | PointLight | EnvironmentLight
+# How environments light a picture: by fixed directions, or by random ones.
+Lighting = FixedLights | LightNumbers
 # Eye rays that are traced at once.
 BLOCK_EYE_RAYS = 1 << 20
 # Hits are visited tile by tile of the texture, so that neighbours share what they read.
@@ -89,15 +92,14 @@ def render(
     total = torch.zeros(count, 3, dtype=dtype, device=device)
     covered = torch.zeros(count, dtype=dtype, device=device)
     scene = Scene(scene.shape, scene.camera, tuple(_moved(scene.lights, device, dtype)))
-    generator = torch.Generator().manual_seed(settings.seed)
-    numbers = LightNumbers.draw(count, settings.samples, settings.light_samples, generator)
-    numbers = numbers.to(device)
+    lighting = _lighting(material, scene, settings, total)
     tell = progress or (lambda count: None)
     for pixels in slices(count, max(1, BLOCK_EYE_RAYS // settings.samples)):
-        hits = trace(scene, settings, pixels, generator, total)
-        for block in hit_blocks(hits, scene, settings):
-            total.index_add_(0, block.pixel, shade(material, block, scene.lights, numbers))
-            tell(len(block))
+        hits = trace(scene, settings, pixels, total)
+        for part, light in _by_coverage(hits, lighting, settings.samples):
+            for block in hit_blocks(part, scene, _directions(light)):
+                total.index_add_(0, block.pixel, shade(material, block, scene.lights, light))
+                tell(len(block))
         covered.index_add_(0, hits.pixel, torch.ones_like(hits.uv[:, 0]))
         tell((pixels.stop - pixels.start) * settings.samples - len(hits))
     if not bool(covered.any()):
@@ -114,8 +116,8 @@ def trace(
     scene: Scene,
     settings: RenderSettings,
     pixels: slice,
-    generator: torch.Generator,
     like: Tensor,
+    generator: torch.Generator | None = None,
 ) -> Hits:
     """The hits of all eye rays of consecutive pixels, tile by tile of the texture.
 
@@ -123,8 +125,8 @@ def trace(
         scene: shape and camera.
         settings: size and samples.
         pixels: their numbers.
-        generator: of points within the pixels, on the CPU.
         like: a tensor `[...]` of the device and dtype of the hits.
+        generator: of random points within the pixels, on the CPU; None: fixed ones.
     """
     pixel = torch.arange(pixels.start, pixels.stop, device=like.device)
     at = pixel_points(pixel, settings.size, settings.samples, generator).to(like)
@@ -148,26 +150,65 @@ def trace(
     return hits[torch.argsort(row * TILES + column, stable=True)]
 
 
-def hit_blocks(hits: Hits, scene: Scene, settings: RenderSettings) -> Iterator[Hits]:
-    """The hits in blocks of bounded numbers of directions."""
-    has_environment = any(isinstance(light, EnvironmentLight) for light in scene.lights)
-    each = max(len(scene.lights), 2 * settings.light_samples if has_environment else 1)
+def hit_blocks(hits: Hits, scene: Scene, directions: int) -> Iterator[Hits]:
+    """The hits in blocks of bounded numbers of directions, `directions` each to environments."""
+    each = max(len(scene.lights), directions if _environments(scene.lights) else 1)
     for block in slices(len(hits), max(1, BLOCK_DIRECTIONS // each)):
         yield hits[block]
 
 
-def shade(material: Material, hits: Hits, lights: Sequence[Light], numbers: LightNumbers) -> Tensor:
-    """Radiance `[N, 3]` from hits to the eye."""
+def shade(material: Material, hits: Hits, lights: Sequence[Light], lighting: Lighting) -> Tensor:
+    """Radiance `[N, 3]` from hits to the eye; `lighting` is that of environments."""
     deltas = [light for light in lights if not isinstance(light, EnvironmentLight)]
     total = torch.zeros_like(hits.position)
     if deltas:
         total = total + from_delta_lights(material, hits, deltas)
+    if isinstance(lighting, FixedLights):
+        return total + from_fixed_lights(material, hits, lighting)
     sampled = with_sampler(material)
-    for light in lights:
-        if isinstance(light, EnvironmentLight):
-            u = numbers.of(hits.pixel, hits.sample)
-            total = total + from_environment(sampled, hits, light, (u[0].to(total), u[1].to(total)))
+    for light in _environments(lights):
+        u = lighting.of(hits.pixel, hits.sample)
+        total = total + from_environment(sampled, hits, light, (u[0].to(total), u[1].to(total)))
     return total
+
+
+def _environments(lights: Sequence[Light]) -> list[EnvironmentLight]:
+    return [light for light in lights if isinstance(light, EnvironmentLight)]
+
+
+def _by_coverage(hits: Hits, lighting: Lighting, samples: int) -> Iterator[tuple[Hits, Lighting]]:
+    """Hits and their lighting: the eye rays of a pixel share fixed lights out if all of them hit.
+
+    On the edge of the shape, where they do not, each sees all lights.
+    """
+    if isinstance(lighting, LightNumbers):
+        yield hits, lighting
+        return
+    whole = torch.bincount(hits.pixel)[hits.pixel] == samples
+    yield hits[whole], lighting
+    edge = hits[~whole]
+    yield replace(edge, sample=torch.zeros_like(edge.sample)), lighting.together
+
+
+def _directions(lighting: Lighting) -> int:
+    """Directions of one hit to all environments, or to one and by the material."""
+    if isinstance(lighting, FixedLights):
+        return lighting.direction.shape[1]
+    return 2 * lighting.points.shape[1]
+
+
+def _lighting(material: Material, scene: Scene, settings: RenderSettings, like: Tensor) -> Lighting:
+    """How environments light a picture, on the device of `like [...]`."""
+    environments = _environments(scene.lights)
+    fixed = settings.lighting == "fixed" or (
+        settings.lighting == "auto" and not has_narrow_highlights(material)
+    )
+    if environments and fixed:
+        lights = FixedLights.build(environments, settings.samples, settings.light_samples)
+        return lights.to(like)
+    generator = torch.Generator().manual_seed(settings.seed)
+    shape = settings.size**2, settings.samples, settings.light_samples
+    return LightNumbers.draw(*shape, generator).to(like.device)
 
 
 def _moved(

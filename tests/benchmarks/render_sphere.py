@@ -74,7 +74,7 @@ def benchmark(
     pixels = slice(0, settings.size**2)
 
     def traced() -> Hits:
-        return trace(scene, settings, pixels, torch.Generator().manual_seed(0), like)
+        return trace(scene, settings, pixels, like)
 
     hits = traced()
     wi, _ = delta_light_directions(hits, scene.lights)

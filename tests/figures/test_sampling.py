@@ -14,7 +14,7 @@ from spmm_torch.figures.hemisphere import (
     sample_picture,
     texel_centre,
 )
-from spmm_torch.figures.sampling import sphere_hits, variance_gains
+from spmm_torch.figures.sampling import _verdict, sphere_hits, variance_gains
 from spmm_torch.figures.variance import Efficiency, gain, hits_at, shade_by_sampler, white_light
 from spmm_torch.geometry.directions import direction_from_angles, texel_at
 from spmm_torch.render import CosineSampled, EnvironmentLight, RenderSettings
@@ -96,3 +96,10 @@ def test_the_studio_is_sampled_too() -> None:
     hits = sphere_hits(glossy_model(size=4), RenderSettings(12, 1))
     studio = EnvironmentLight.studio().to("cpu", torch.float32)
     assert variance_gains(glossy_model(size=4), hits, studio, 64, 0)["gain"]["equal_count"] > 1.0
+
+
+def test_the_caption_says_whether_sampling_gains() -> None:
+    gains = {"equal_count": 1.04, "equal_time": 0.8}
+    assert "This material is matt" in _verdict(gains, gains)
+    gains = {"equal_count": 20.0, "equal_time": 10.0}
+    assert "lower by a factor of 10.0 at equal time and 20.0" in _verdict(gains, gains)

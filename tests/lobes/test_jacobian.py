@@ -12,17 +12,18 @@ from spmm_torch.lobes.jacobian import eval_with_jacobian
 from tests.lobes.test_batch import random_coordinates, random_pairs
 
 
+@pytest.mark.parametrize("horizon", [0.0, 0.2])
 @pytest.mark.parametrize("index", range(len(REGISTRY)), ids=MODEL_NAMES)
-def test_jacobian_equals_autograd_and_differences(index: int) -> None:
+def test_jacobian_equals_autograd_and_differences(index: int, horizon: float) -> None:
     count, step = 6, 1e-6
     model = torch.full((count,), index)
     coordinates = random_coordinates(count, seed=27)
     wi, wo = random_pairs(20, seed=28)
-    rho, slope = eval_with_jacobian(model, coordinates, wi, wo)
+    rho, slope = eval_with_jacobian(model, coordinates, wi, wo, horizon)
     assert slope.shape == (count, COORDINATES, 20)
 
     def lobes(x: Tensor) -> Tensor:
-        return decode(model, x).eval(wi, wo)
+        return decode(model, x, horizon).eval(wi, wo)
 
     torch.testing.assert_close(rho, lobes(coordinates))
     full = torch.autograd.functional.jacobian(lobes, coordinates)  # [J, D, J, COORDINATES]

@@ -17,6 +17,7 @@ from spmm_torch.lobes.sampling import specular_mask
 from spmm_torch.model import sampling
 from spmm_torch.model.sampling import (
     MIN_COSINE_PROBABILITY,
+    SAMPLED_WIDTH,
     SamplingData,
     pdf,
     residual_intensity,
@@ -279,7 +280,7 @@ def test_a_model_without_lobes_is_sampled_by_the_cosine(planted: Planted) -> Non
 
 
 def test_bytes_are_one_for_each_specular_entry_and_texel(planted: Planted) -> None:
-    specular = int(specular_mask(LOBES)[planted.index].sum())
+    specular = int(specular_mask(LOBES, SAMPLED_WIDTH)[planted.index].sum())
     assert planted.data().bytes() == specular + len(TEXELS)
 
 

@@ -124,6 +124,25 @@ def test_dark_under_the_horizon(model: SPMM) -> None:
         assert torch.equal(model(all_centres(), up, torch.tensor(low)), torch.zeros(12, 3))
 
 
+@torch.no_grad()
+def test_values_end_at_the_horizon_of_the_light(model: SPMM) -> None:
+    """Though some lobes lean towards the light."""
+    wo, largest = directions(30, 2), {}
+    for z in (1e-4, 1e-6):
+        wi = direction_from_angles(torch.arccos(torch.full((30,), z)), torch.linspace(0.0, 6.0, 30))
+        whole = model(all_centres()[:, None], wi, wo).abs().max()
+        picture = model.picture(wi[0], wo[0]).abs().max()
+        largest[z] = max(float(whole), float(picture))
+    assert 0.0 < largest[1e-6] < 0.1 * largest[1e-4] < 0.01
+
+
+def test_measured_lights_are_not_faded(model: SPMM) -> None:
+    uv = all_centres()[:, None, None]
+    found = model(uv, LIGHT[None, None], VIEW[None, :, None])
+    model.lowest_light = 0.0
+    assert torch.equal(model(uv, LIGHT[None, None], VIEW[None, :, None]), found)
+
+
 @pytest.mark.parametrize("residual", [False, True])
 def test_picture_is_forward_at_centres(model: SPMM, residual: bool) -> None:
     for wi, wo in ((LIGHT[9], VIEW[3]), (directions(1, 1)[0], directions(1, 2)[0])):
@@ -196,6 +215,23 @@ def test_round_trip(tmp_path: Path, counts: tuple[int, ...], precision: torch.dt
     assert torch.equal(loaded(all_centres(), wi, wo), model(all_centres(), wi, wo))
     assert loaded.pack() == model.pack()
     assert SPMM.load(tmp_path / tensor_file.MODEL_FILE).pack() == model.pack()
+
+
+def test_a_horizon_needs_version_2(tmp_path: Path, model: SPMM) -> None:
+    """Older readers, which would cut lobes hard, refuse the file; other files stay as they were."""
+    model.horizon = 0.0
+    assert model.to_tensors()[1]["version"] == "1"
+    assert "horizon" not in model.to_tensors()[1]
+    model.horizon = math.radians(7.0)
+    assert model.to_tensors()[1]["version"] == "2"
+    (tmp_path / tensor_file.MODEL_FILE).write_bytes(model.pack())
+    loaded = SPMM.load(tmp_path)
+    assert loaded.horizon == loaded.dictionary.horizon == math.radians(7.0)
+    wi, wo = directions(12, 1), directions(12, 2)
+    assert torch.equal(
+        loaded(all_centres()[:, None], wi, wo), model(all_centres()[:, None], wi, wo)
+    )
+    assert loaded.pack() == model.pack()
 
 
 def test_byte_counts_are_those_of_the_file(model: SPMM) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,8 +10,12 @@ import torch
 from torch import Tensor
 
 from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES
+from spmm_torch.config.fit import FitConfig
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.lobes.batch import COORDINATES, LobeBatch, decode
+
+# Planted lobes end at their horizon as those of a fit with default settings do.
+HORIZON = math.radians(FitConfig().dictionary.horizon)
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,8 @@ def lobe_batch(*lobes: Lobe, dtype: torch.dtype = torch.float32) -> LobeBatch:
     angles = [(lobe.tilt, lobe.azimuth, lobe.turn) for lobe in lobes]
     tilt, azimuth, turn = torch.deg2rad(torch.tensor(angles, dtype=torch.float64)).unbind(-1)
     normal = direction_from_angles(tilt, azimuth).to(dtype)
-    return LobeBatch(model_index([lobe.model for lobe in lobes]), kappa, normal, turn.to(dtype))
+    model = model_index([lobe.model for lobe in lobes])
+    return LobeBatch(model, kappa, normal, turn.to(dtype), HORIZON)
 
 
 def random_lobes(
@@ -52,7 +58,7 @@ def random_lobes(
     coordinates = torch.rand(len(names), COORDINATES, generator=generator, dtype=dtype)
     coordinates[:, :2] = tilt * (coordinates[:, :2] - 0.5)
     coordinates[:, 2:] = low + (high - low) * coordinates[:, 2:]
-    return decode(model_index(names), coordinates)
+    return decode(model_index(names), coordinates, HORIZON)
 
 
 def model_index(names: Sequence[str]) -> Tensor:

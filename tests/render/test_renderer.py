@@ -81,7 +81,7 @@ def test_white_furnace() -> None:
         reflected = result.picture[met] / result.coverage[met][:, None]
         expected = torch.tensor(ALBEDO).expand_as(reflected)
         torch.testing.assert_close(reflected, expected, rtol=0.03, atol=0.0)
-        torch.testing.assert_close(reflected.mean(0), expected[0], rtol=1e-3, atol=0.0)
+        torch.testing.assert_close(reflected.mean(0), expected[0], rtol=5e-3, atol=0.0)
 
 
 def test_turning_everything_changes_nothing() -> None:
@@ -102,7 +102,7 @@ def everything() -> Scene:
 
 
 def test_the_same_seed_gives_the_same_picture() -> None:
-    settings = RenderSettings(size=16, samples=2, light_samples=2)
+    settings = RenderSettings(size=16, samples=2, light_samples=2, lighting="sampled")
     first, again = (render(planted_model(), everything(), settings).picture for _ in range(2))
     assert torch.equal(first, again)
     other = render(planted_model(), everything(), replace(settings, seed=1)).picture
@@ -139,7 +139,7 @@ def test_a_model_is_sampled_without_bias() -> None:
     """By its own sampler, or by the cosine where it has none, the picture is the same."""
     model = planted_model(names=("lambertian", "blinn_phong", "lafortune"))
     scene = Scene(Sphere(), FRONT, (EnvironmentLight.studio(),))
-    settings = RenderSettings(size=8, samples=64, light_samples=16)
+    settings = RenderSettings(size=8, samples=64, light_samples=16, lighting="sampled")
     own = render(model, scene, settings).picture
     cosine = render(CosineSampled(model), scene, replace(settings, seed=1)).picture
     assert float((own - cosine).norm() / own.norm()) < 0.03

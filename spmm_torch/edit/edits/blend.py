@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -75,6 +76,12 @@ def _check_pair(first: SPMM, second: SPMM) -> None:
     if sizes[0] != sizes[1]:
         names = [f"{w} x {h} texels with {c} channels" for w, h, c in sizes]
         raise ConfigError(f"the models have {names[0]} and {names[1]}; a blend expects equal ones.")
+    horizons = [math.degrees(model.horizon) for model in (first, second)]
+    if horizons[0] != horizons[1]:
+        raise ConfigError(
+            f"lobes of the models fade over {horizons[0]:g} and {horizons[1]:g} degrees at their "
+            f"horizon; a blend expects the same; fit both with one dictionary.horizon."
+        )
     for name in ("light", "view"):
         one, two = getattr(first, name), getattr(second, name)
         if one.shape != two.shape or not torch.allclose(one, two, atol=DIRECTION_TOLERANCE):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -62,7 +62,8 @@ def replace_model(model: SPMM, name: str, where: Selection = EVERYTHING) -> SPMM
     kappa = torch.where(moved[:, None], _matched(lobes, target), lobes.kappa)
     turns = anisotropic_mask(kind)
     angle = torch.where(turns, lobes.angle, torch.zeros_like(lobes.angle))
-    return with_lobes(model, LobeBatch(kind, kappa, lobes.normal, angle), where, keep_energy=True)
+    other = replace(lobes, model=kind, kappa=kappa, angle=angle)
+    return with_lobes(model, other, where, keep_energy=True)
 
 
 def _matched(lobes: LobeBatch, target: int) -> Tensor:

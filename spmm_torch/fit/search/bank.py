@@ -10,7 +10,7 @@ from torch import Tensor
 
 from ...brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
 from ...geometry.directions import hemisphere_spiral
-from ...lobes.batch import Feasible, LobeBatch, decode, encode
+from ...lobes.batch import Feasible, LobeBatch, encode
 from ...lobes.grid import DirectionGrid
 
 Shapes = Mapping[str, Sequence[tuple[float, ...]]]
@@ -69,7 +69,7 @@ def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feas
             batches.append(LobeBatch(model, kappa, normals, normals.new_zeros(len(normals))))
     lobes = LobeBatch.cat(batches)
     coordinates = feasible.project(lobes.model, encode(lobes))
-    lobes = decode(lobes.model, coordinates)
+    lobes = grid.decode(lobes.model, coordinates)
     values = grid.eval(lobes)
     norm = values.norm(dim=1)
     visible = norm > 0.0  # False for lobes whose horizon hides every measured pair

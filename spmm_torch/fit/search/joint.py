@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ...config.fit import SearchConfig
-from ...lobes.batch import COORDINATES, Feasible, LobeBatch, decode, encode
+from ...lobes.batch import COORDINATES, Feasible, LobeBatch, encode
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
 from ...runtime.progress import Advance
 from ...solvers.foba import select_foba
@@ -179,7 +179,7 @@ class CorrectiveSearch:
         """Known lobes, then those of all samples, best fits first, of which no two are alike."""
         order = (mixtures.loss / self.energy.clamp(min=SMALLEST_NORMAL)).argsort(stable=True)
         used = mixtures.present[order]
-        own = decode(mixtures.model[order][used], mixtures.coordinates[order][used])
+        own = self.grid.decode(mixtures.model[order][used], mixtures.coordinates[order][used])
         lobes = LobeBatch.cat([self.known, own])
         atoms = self.grid.eval(lobes)
         atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=SMALLEST_NORMAL)

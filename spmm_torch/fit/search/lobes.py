@@ -6,7 +6,8 @@ import torch
 from torch import Tensor
 
 from ...config.fit import FitConfig, SearchConfig
-from ...lobes.batch import Feasible, decode
+from ...lobes.batch import Feasible
+from ...lobes.grid import DirectionGrid
 from ...runtime.progress import Advance
 from ...solvers.multistart import StartCounts
 from ..cluster import Samples
@@ -79,16 +80,20 @@ def find_lobes(
         bounds = fine if len(known) else feasible
         finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
     mixtures = finder.run(advance)
-    return _found(mixtures, samples.clusters, signals, finder.counts)
+    return _found(grid, mixtures, samples.clusters, signals, finder.counts)
 
 
 def _found(
-    mixtures: Mixtures, clusters: Tensor, signals: Tensor, counts: StartCounts
+    grid: DirectionGrid,
+    mixtures: Mixtures,
+    clusters: Tensor,
+    signals: Tensor,
+    counts: StartCounts,
 ) -> FoundLobes:
     """All lobes with a weight above 0, and the relative error of the sample of each."""
     used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
     host = used.cpu()
-    lobes = decode(mixtures.model[used], mixtures.coordinates[used])
+    lobes = grid.decode(mixtures.model[used], mixtures.coordinates[used])
     energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
     cluster, error = (x.cpu()[:, None].expand(host.shape)[host] for x in (clusters, error))

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from ...brdf import MODEL_NAMES
-from ...lobes.batch import COORDINATES, Feasible, LobeBatch, decode
+from ...lobes.batch import COORDINATES, Feasible, LobeBatch
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
 from ...solvers.varpro import DAMPING_START, damped_step, next_damping
 from .bank import PEAK_SHAPES, Bank, bank_at
@@ -73,11 +73,11 @@ class MusicSearch:
             model, coordinates = model[kept], coordinates[kept]
             if len(model) == found or len(model) >= len(self.space):
                 break
-        return decode(model, coordinates)
+        return self.grid.decode(model, coordinates)
 
     def _atoms(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """Values of lobes, of unit norm, `[J, D]`."""
-        values = self.grid.eval(decode(model, coordinates))
+        values = self.grid.eval(self.grid.decode(model, coordinates))
         return values / values.norm(dim=1, keepdim=True)
 
     def _starts(self, basis: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from ...config.fit import SearchConfig, StagewiseConfig
-from ...lobes.batch import COORDINATES, Feasible, decode
+from ...lobes.batch import COORDINATES, Feasible
 from ...lobes.grid import SAME_LOBE, DirectionGrid
 from ...runtime.progress import Advance
 from ...solvers.adam import minimize_adam
@@ -176,7 +176,7 @@ class StagewiseSearch:
     def _find(self, path: _Path, rows: Tensor, error: Tensor) -> Tensor:
         """Slots `[s]` of the lobes that correlate best with `error [s, C, D]`, filled if new."""
         model, coordinates = self._search(rows, error)
-        lobes = decode(model.reshape(-1), coordinates)
+        lobes = self.grid.decode(model.reshape(-1), coordinates)
         values = self.grid.eval(lobes)  # [s C, D]
         values = values / values.norm(dim=1, keepdim=True).clamp(min=LEAST_DENOMINATOR)
         values = values.view_as(error)
@@ -223,7 +223,7 @@ class StagewiseSearch:
 
     def _correlation(self, model: Tensor, coordinates: Tensor, signals: Tensor) -> Tensor:
         """<rho, mu> / ||rho|| on all pairs, `[R]`: Eq. 5 but for the norm of the signal mu."""
-        rho = self.grid.eval(decode(model, coordinates))
+        rho = self.grid.eval(self.grid.decode(model, coordinates))
         return (rho * signals).sum(1) / rho.norm(dim=1).clamp(min=LEAST_DENOMINATOR)
 
     def _climb(self, model: Tensor, start: Tensor, rows: Tensor, error: Tensor) -> Tensor:
@@ -284,7 +284,7 @@ class _Correlation:
     def __call__(self, coordinates: Tensor) -> tuple[Tensor, Tensor]:
         with torch.enable_grad():
             x = coordinates.detach().requires_grad_()
-            rho = self.grid.eval_at(decode(self.model, x), self.pairs) * self.importance
+            rho = self.grid.eval_at(self.grid.decode(self.model, x), self.pairs) * self.importance
             norm = (rho.square().sum(1) + ROOT_RIDGE).sqrt()
             size = self.target.norm(dim=1).clamp(min=LEAST_DENOMINATOR)
             value = -(rho * self.target).sum(1) / (norm * size)  # Eq. (5)

@@ -9,6 +9,8 @@ weight of a texel is the sum over its pairs.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -43,7 +45,7 @@ def scene_weights(btf: BTF, scene: Scene, settings: RenderSettings, where: str) 
         ConfigError: the camera sees nothing of the shape, or no light reaches what it sees.
     """
     size = min(settings.size, MAX_SIZE)
-    settings = RenderSettings(size, settings.samples, settings.light_samples, settings.seed)
+    settings = replace(settings, size=size)
     material = BTFMaterial.build(btf)
     pair = torch.zeros(btf.pair_count, dtype=torch.float64)
     texel = torch.zeros(btf.texel_count, dtype=torch.float64)
@@ -51,9 +53,9 @@ def scene_weights(btf: BTF, scene: Scene, settings: RenderSettings, where: str) 
     numbers = LightNumbers.draw(size * size, settings.samples, settings.light_samples, generator)
     seen = 0
     for pixels in slices(size * size, max(1, BLOCK_RAYS // settings.samples)):
-        hits = trace(scene, settings, pixels, generator, torch.zeros(0))
+        hits = trace(scene, settings, pixels, torch.zeros(0), generator)
         seen += len(hits)
-        for block in hit_blocks(hits, scene, settings):
+        for block in hit_blocks(hits, scene, 2 * settings.light_samples):
             index, coefficient = _coefficients(material, block, scene.lights, numbers)
             light = coefficient.sum(1, keepdim=True)  # [N, 1]
             pair.index_add_(0, index.flatten(), (coefficient * light).double().flatten())

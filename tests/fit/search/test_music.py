@@ -13,10 +13,10 @@ from spmm_torch.fit.search.music import music_lobes, signal_subspace
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import Feasible, LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
-from tests.planted.lobes import random_lobes
+from tests.planted.lobes import HORIZON, random_lobes
 
 DIRECTIONS = ring_directions(((0.0, 1), (25.0, 6), (50.0, 10), (70.0, 12)))
-GRID = DirectionGrid.build(DIRECTIONS, DIRECTIONS, torch.device("cpu"))
+GRID = DirectionGrid.build(DIRECTIONS, DIRECTIONS, torch.device("cpu"), horizon=HORIZON)
 FEASIBLE = Feasible.build(0.125 * GRID.spacing)
 LOBES = 6
 
