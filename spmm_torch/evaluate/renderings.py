@@ -86,7 +86,7 @@ def light_pictures(
     size = settings.size
     total = torch.zeros(size * size, len(lights), 3, device=device)
     generator = torch.Generator().manual_seed(settings.seed)
-    hits = trace(scene, settings, slice(0, size * size), generator, total)
+    hits = trace(scene, settings, slice(0, size * size), total, generator)
     for part in slices(len(hits), BLOCK_HITS):
         block = hits[part]
         wi, irradiance = delta_light_directions(block, lights)  # [N, L, 3]
