@@ -18,6 +18,7 @@ from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
+from .matrices import channel_matrices
 
 # Ridge relative to the mean diagonal: no pixel may see a cluster at grazing views.
 RIDGE = 1e-6
@@ -133,15 +134,4 @@ def left_over(
 
 def lobe_values(entries: SparseWeights, rho: Tensor) -> Tensor:
     """Values `[T, L, C]` of the lobes of all texels, given `rho [J, L]` of one view."""
-    planes = [
-        torch.sparse_csr_tensor(
-            entries.offset,
-            entries.index,
-            weight.contiguous(),
-            (len(entries.offset) - 1, len(rho)),
-            check_invariants=False,
-        )
-        @ rho
-        for weight in entries.weight.T
-    ]
-    return torch.stack(planes, dim=-1)
+    return torch.stack([weight @ rho for weight in channel_matrices(entries, len(rho))], dim=-1)

@@ -7,11 +7,12 @@ from torch import Tensor
 
 from ...model.lookup import SparseWeights
 from .lookups import Lookups
+from .matrices import joint_matrix, products_at
 
 # Ridge of the preconditioner, relative to its mean diagonal: functions may vanish in some views.
 RIDGE = 1e-4
-# Squared gradient, relative to the first one, at which coefficients are as good as their bytes.
-CONVERGED = 1e-6
+# Squared gradient, relative to that of zeros, at which coefficients are as good as their bytes.
+CONVERGED = 1e-5
 
 
 def first_coefficients(
@@ -27,7 +28,8 @@ def first_coefficients(
         rank: R.
     """
     lobes = torch.einsum("jd,dpc->jcp", rho, functions)
-    left = points.double() - _spread(entries, lobes).double()
+    shown = joint_matrix(entries, len(lobes)) @ lobes.flatten(0, 1)  # [T, P]
+    left = points.double() - shown.double()
     return torch.linalg.svd(left, full_matrices=False).U[:, :rank].to(points.dtype)
 
 
@@ -52,7 +54,9 @@ def seen(coefficient: Tensor, gram: Tensor, lookups: Lookups) -> Tensor:
     return total
 
 
-def coefficients(rhs: Tensor, gram: Tensor, lookups: Lookups, steps: int) -> Tensor:
+def coefficients(
+    rhs: Tensor, gram: Tensor, lookups: Lookups, steps: int, start: Tensor | None = None
+) -> Tensor:
     """Coefficients `[T, R]` of the functions, by conjugate gradients.
 
     Args:
@@ -60,15 +64,18 @@ def coefficients(rhs: Tensor, gram: Tensor, lookups: Lookups, steps: int) -> Ten
         gram: products of the functions with each other, `[V, R, R]`; see `gram_by_view`.
         lookups: what each pixel shows.
         steps: most products with the normal matrix.
+        start: first coefficients, `[T, R]`; None: zeros.
     """
     share = lookups.weight.square().sum((1, 2)) / lookups.weight.shape[1]  # [V]
     mean = torch.einsum("v,vrs->rs", share, gram)
     ridge = RIDGE * mean.diagonal().mean().clamp(min=torch.finfo(mean.dtype).tiny)
     inverse = torch.linalg.inv((mean + ridge * torch.eye(len(mean)).to(mean)).double()).to(mean)
     rhs = rhs.to(mean)
-    found, left = torch.zeros_like(rhs), rhs
+    first = (rhs * (rhs @ inverse)).sum()
+    found = torch.zeros_like(rhs) if start is None else start
+    left = rhs if start is None else rhs - seen(start, gram, lookups)
     step = left @ inverse
-    size = first = (left * step).sum()
+    size = (left * step).sum()
     tiny = torch.finfo(size.dtype).tiny
     for _ in range(steps):
         if not bool(size > CONVERGED * first):
@@ -107,26 +114,19 @@ def seen_by_lobes(
         lookups: what each pixel shows.
         entries: lobes of all texels; weights are not read.
     """
-    texel = torch.repeat_interleave(entries.offset[1:] - entries.offset[:-1])
-    total = torch.zeros(len(texel), kernel.shape[2], dtype=torch.float64, device=kernel.device)
+    pattern = joint_matrix(entries, kernel.shape[1])
+    total = torch.zeros(entries.weight.numel(), dtype=torch.float64, device=kernel.device)
     for view in range(lookups.views):
-        seen = lookups.squared(view, coefficient)[texel]  # [N, R]
-        total += torch.einsum("ncr,nr->nc", kernel[view][entries.index], seen)
-    return total
+        shared = kernel[view].flatten(0, 1).T.contiguous()  # [R, J C]
+        total += products_at(pattern, lookups.squared(view, coefficient), shared)
+    return total.view(entries.weight.shape)
 
 
 def seen_by_components(entries: SparseWeights, kernel: Tensor, lookups: Lookups) -> Tensor:
     """Products of each texel's functions with what the lobes show, `[T, R]` float64."""
+    weights = joint_matrix(entries, kernel.shape[1])
     shape = (len(entries.offset) - 1, kernel.shape[3])
     total = torch.zeros(shape, dtype=torch.float64, device=kernel.device)
     for view in range(lookups.views):
-        total += lookups.squared(view, _spread(entries, kernel[view]))
+        total += lookups.squared(view, weights @ kernel[view].flatten(0, 1))
     return total
-
-
-def _spread(entries: SparseWeights, lobes: Tensor) -> Tensor:
-    """Sum of alpha * lobes[j, c] over lobes and channels, `[T, R]`, given `lobes [J, C, R]`."""
-    count = entries.offset[1:] - entries.offset[:-1]
-    texel = torch.repeat_interleave(count)
-    value = torch.einsum("nc,ncr->nr", entries.weight, lobes[entries.index])
-    return value.new_zeros(len(count), value.shape[1]).index_add_(0, texel, value)

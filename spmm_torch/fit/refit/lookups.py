@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ...geometry.relief import HeightField
+from ...lobes.ragged import stable_order
 
 # Pairs of corners of a 2 x 2 block, a before b: corners are in the order of rows.
 CORNER_PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
@@ -95,7 +96,7 @@ class Lookups:
     def gathered(self, view: int) -> Tensor:
         """W_v^T, sparse CSR `[T, T]`: from pixels to texels."""
         texels = self.texel.shape[1]
-        order = torch.argsort(self.texel[view].flatten(), stable=True)
+        order = stable_order(self.texel[view].flatten(), texels)
         count = torch.bincount(self.texel[view].flatten(), minlength=texels)
         rows = torch.cat((count.new_zeros(1), count.cumsum(0))).int()
         pixel = order.div(4, rounding_mode="floor").int()

@@ -10,18 +10,13 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import one_hot
 
 from ...data import BTF
-from ...lobes.ragged import ranges
 from ...model.lookup import SparseWeights
-from ...runtime.memory import slices
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
-
-# Bytes of the pictures of consecutive views that are read at once, as float32.
-READ_BYTES = 1 << 28
-# Values of products of texels with all lobes that are held at once: 64 MB.
-PRODUCT_VALUES = 1 << 24
+from .matrices import channel_matrices, products_at
 
 
 @dataclass(frozen=True)
@@ -74,40 +69,36 @@ def project(
     device, channels = rho.device, pictures.channels
     lobes = torch.zeros(len(entries.index), channels, dtype=torch.float64, device=device)
     sums = torch.zeros(2, dtype=torch.float64)
-    mine = ranks.share(torch.arange(lookups.views)).tolist()
-    size = max(1, READ_BYTES // (4 * pictures.texel_count * rho.shape[2] * channels))
-    for part in slices(len(mine), size):
-        views = mine[part]
-        values = pictures.views(views[0], views[-1] + 1)  # [T, v, L, C]
-        for place, view in enumerate(views):
-            picture = values[:, place].to(device)
-            if scale is not None:
-                picture = picture * scale.view(lookups.views, -1, 1)[view]
-            if lookups.pixel is not None:
-                picture = picture * lookups.pixel[:, None, None]
-            sums += _sums(picture, labels.to(device))
-            seen = (lookups.gathered(view) @ picture.flatten(1)).view_as(picture)  # [T, L, C]
-            _add_lobes(lobes, seen, rho[view], entries)
-        advance(len(views) * ranks.size)
+    member = one_hot(labels.to(device)).float()  # [T, K]
+    pattern = channel_matrices(entries, rho.shape[1])[0]
+    for view in ranks.share(torch.arange(lookups.views)).tolist():
+        picture = planes(pictures, view, device)  # [C, T, L]
+        if scale is not None:
+            picture = picture * scale.view(lookups.views, -1)[view]
+        if lookups.pixel is not None:
+            picture = picture * lookups.pixel[:, None]
+        sums += _sums(picture, member)
+        gathered, own = lookups.gathered(view), rho[view].T.contiguous()
+        for channel, plane in enumerate(picture):
+            lobes[:, channel] += products_at(pattern, gathered @ plane, own)
+        advance(ranks.size)
     energy, means = ranks.sum(sums).tolist()
     return Projections(ranks.sum(lobes), energy, means)
 
 
-def _sums(picture: Tensor, labels: Tensor) -> Tensor:
-    """Energy of a picture `[T, L, C]` and of its cluster means, `[2]` float64."""
+def planes(pictures: BTF, view: int, device: torch.device) -> Tensor:
+    """The pictures of one view, channel by channel, `[C, T, L]`."""
+    return pictures.views(view, view + 1)[:, 0].to(device).permute(2, 0, 1).contiguous()
+
+
+def _sums(picture: Tensor, member: Tensor) -> Tensor:
+    """Energy of pictures `[C, T, L]` and of the means of clusters, `[2]` float64.
+
+    Args:
+        picture: of one view.
+        member: 1 where a texel is in a cluster, `[T, K]`.
+    """
     energy = torch.linalg.vector_norm(picture, dim=2).double().square().sum()
-    count = torch.bincount(labels)
-    total = picture.new_zeros(len(count), *picture.shape[1:]).index_add_(0, labels, picture)
-    means = (total.double().square().flatten(1).sum(1) / count.clamp(min=1)).sum()
+    total = (member.T @ picture).double()  # [C, K, L]
+    means = (total.square() / member.sum(0)[:, None]).sum()
     return torch.stack((energy, means)).cpu()
-
-
-def _add_lobes(total: Tensor, seen: Tensor, rho: Tensor, entries: SparseWeights) -> None:
-    """Adds the products of `seen [T, L, C]` with `rho [J, L]` to `total [N, C]`."""
-    lobes = len(rho)
-    for texels in slices(len(seen), max(1, PRODUCT_VALUES // (lobes * seen.shape[2]))):
-        offset = entries.offset[texels.start : min(texels.stop, len(seen)) + 1]
-        part = seen[texels].transpose(1, 2).reshape(-1, seen.shape[1])  # [m C, L]
-        product = (part @ rho.T).view(-1, seen.shape[2], lobes)  # [m, C, J]
-        texel, entry = ranges(offset[:-1], offset[1:] - offset[:-1])
-        total[entry] += product[texel, :, entries.index[entry]].double()

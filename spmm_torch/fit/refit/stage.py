@@ -356,6 +356,7 @@ class Turns:
         entries: fit of all texels.
         coefficient: c, `[T, R]`.
         swept: functions for earlier coefficients; None before the first turn.
+        fitted: whether the coefficients are of these functions.
     """
 
     setup: Setup
@@ -363,6 +364,7 @@ class Turns:
     entries: SparseWeights
     coefficient: Tensor
     swept: Swept | None = None
+    fitted: bool = False
 
     @classmethod
     def start(
@@ -399,7 +401,7 @@ class Turns:
                 ),
             )
             found = replace(self, swept=swept)
-            found = replace(found, coefficient=found._coefficients(swept.products))
+            found = replace(found, coefficient=found._coefficients(swept.products), fitted=True)
         return found._beside_residual() if problem.config.residual.joint else found
 
     def stored(self, entries: SparseWeights) -> RankResidual:
@@ -429,7 +431,8 @@ class Turns:
     def _coefficients(self, products: Tensor) -> Tensor:
         """The coefficients of least error, `[T, R]`, given products with what the lobes leave."""
         steps = self.setup.problem.config.refit.steps
-        return coefficients(products, self._gram, self.system.lookups, steps)
+        start = self.coefficient if self.fitted else None
+        return coefficients(products, self._gram, self.system.lookups, steps, start)
 
     def _products(self, entries: SparseWeights) -> Tensor:
         """Products `[T, R]` of the functions with what the lobes of `entries` leave."""

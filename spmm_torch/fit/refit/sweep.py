@@ -16,8 +16,9 @@ from torch import Tensor
 from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
-from .cluster_functions import lobe_values
 from .lookups import Lookups
+from .matrices import channel_matrices
+from .projections import planes
 
 # Ridge relative to the mean diagonal: views that show little leave functions undetermined.
 RIDGE = 1e-4
@@ -72,24 +73,26 @@ def sweep(
     lights, channels = len(pictures.light), pictures.channels
     functions = torch.zeros(lookups.views, rank, lights, channels, device=device)
     products = torch.zeros(coefficient.shape, dtype=torch.float64, device=device)
+    weights = channel_matrices(entries, rho.shape[1])
     for view in ranks.share(torch.arange(lookups.views)).tolist():
-        picture = pictures.views(view, view + 1)[:, 0].to(device)
+        picture = planes(pictures, view, device)  # [C, T, L]
         if lookups.pixel is not None:
-            picture = picture * lookups.pixel[:, None, None]
+            picture = picture * lookups.pixel[:, None]
         drawn = lookups.drawn(view)
-        left = picture.flatten(1) - drawn @ lobe_values(entries, rho[view]).flatten(1)
+        for plane, weight in zip(picture, weights, strict=True):
+            plane -= drawn @ (weight @ rho[view])  # what the lobes leave
         seen = drawn @ coefficient  # [T, R]
-        found = _solved(seen.T @ seen, seen.T @ left).view(rank, lights, channels)
-        functions[view] = found
+        found = _solved(seen.T @ seen, seen.T @ picture)  # [C, R, L]
+        functions[view] = found.permute(1, 2, 0)
         if scale is not None:
-            found = found * scale.view(-1, lights)[view].square()[:, None]
-        products += lookups.gathered(view) @ (left @ found.flatten(1).T)
+            found = found * scale.view(-1, lights)[view].square()
+        products += lookups.gathered(view) @ (picture @ found.transpose(1, 2)).sum(0)
         advance(ranks.size)
     return Swept(ranks.sum(functions), ranks.sum(products))
 
 
 def _solved(gram: Tensor, rhs: Tensor) -> Tensor:
-    """The solution `[R, N]` of normal equations `[R, R]`, with a ridge."""
+    """The solutions `[C, R, N]` of normal equations `[R, R]`, with a ridge."""
     ridge = RIDGE * gram.diagonal().mean().clamp(min=torch.finfo(gram.dtype).tiny)
     matrix = gram + ridge * torch.eye(len(gram)).to(gram)
     return torch.linalg.solve(matrix.double(), rhs.double()).to(rhs)

@@ -1,0 +1,45 @@
+"""The entries of all texels as sparse matrices, for products with what all texels share."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ...model.lookup import SparseWeights
+
+
+def channel_matrices(entries: SparseWeights, lobes: int) -> list[Tensor]:
+    """The weights of each channel, sparse CSR `[T, J]`.
+
+    Args:
+        entries: fit of all texels.
+        lobes: J.
+    """
+    offset, index = entries.offset.int(), entries.index.int()
+    shape = (len(offset) - 1, lobes)
+    return [_csr(offset, index, weight.contiguous(), shape) for weight in entries.weight.T]
+
+
+def joint_matrix(entries: SparseWeights, lobes: int) -> Tensor:
+    """The weights of all channels, sparse CSR `[T, J C]`; the channel counts fastest."""
+    channels = entries.weight.shape[1]
+    channel = torch.arange(channels, device=entries.index.device)
+    column = (entries.index[:, None] * channels + channel).flatten().int()
+    shape = (len(entries.offset) - 1, lobes * channels)
+    return _csr((entries.offset * channels).int(), column, entries.weight.flatten(), shape)
+
+
+def products_at(pattern: Tensor, left: Tensor, right: Tensor) -> Tensor:
+    """The entries `[N]` of the product of `left [T, L]` and `right [L, J]` where a pattern has any.
+
+    Args:
+        pattern: sparse CSR `[T, J]`; its values are not read.
+        left, right: factors.
+    """
+    zeros = torch.zeros_like(pattern.values())
+    bare = _csr(pattern.crow_indices(), pattern.col_indices(), zeros, tuple(pattern.shape))
+    return torch.sparse.sampled_addmm(bare, left, right).values()
+
+
+def _csr(rows: Tensor, columns: Tensor, values: Tensor, shape: tuple[int, ...]) -> Tensor:
+    return torch.sparse_csr_tensor(rows, columns, values, shape, check_invariants=False)
