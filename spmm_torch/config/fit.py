@@ -287,7 +287,7 @@ class RefitConfig:
     """The last fit of weights and residual, to the pictures themselves."""
 
     steps: int = setting(
-        40, "maximum number of steps that weights, and then the residual, are refit", low=0
+        20, "maximum number of steps that weights, and then the residual, are refit", low=0
     )
     sweeps: int = setting(
         2, "number of times that functions and coefficients of the residual are fit in turn", low=1

@@ -1,7 +1,8 @@
 """A BTF whose pictures are shifted texel by texel, so that every view shows the same surface point.
 
 A view wo shows the surface point over x at p = x - h(x) s, with s = wo_xy / wo_z. The values of a
-texel are those that the pictures have there, interpolated bilinearly.
+texel are those of the pixels nearest to these places: one read each, four times as fast as
+bilinear lookups, and nothing is blurred.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..geometry.directions import texel_at
+from ..geometry.directions import continued
 from ..geometry.relief import HeightField, texel_centres
 from .codes import Index, positions
 from .store import Store
@@ -42,15 +43,10 @@ class DisplacedStore:
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]`; see `Store.texels`."""
-        texel, weight = self._lookups(self._rows(index))  # [n, V, 4]
-        views = torch.arange(len(self.view)).expand(texel.shape[:2]).flatten()
-        total = torch.zeros((), device=device)
-        for corner in range(4):
-            part = self.values.strips(texel[..., corner].flatten(), views, self.lights, device)
-            part = part.view(*texel.shape[:2], *part.shape[1:])  # [n, V, L, C]
-            part *= weight[..., corner, None, None].to(device)
-            total = part.add_(total)
-        return total.flatten(1, 2)
+        pixel = self._pixels(self._rows(index))  # [n, V]
+        views = torch.arange(len(self.view)).expand(pixel.shape).flatten()
+        values = self.values.strips(pixel.flatten(), views, self.lights, device)
+        return values.view(len(pixel), -1, values.shape[-1])
 
     def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, C, D]`; see `Store.signals`."""
@@ -74,12 +70,13 @@ class DisplacedStore:
             return every
         return every[index] if isinstance(index, slice) else positions(index)
 
-    def _lookups(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Four texels and their weights, `[n, V, 4]`, where the views show texels `rows [n]`."""
+    def _pixels(self, rows: Tensor) -> Tensor:
+        """The pixels `[n, V]` that show texels `rows [n]`."""
         height, width = self.field.height.shape
-        shift = self.field.shift(self.view) * self.view.new_tensor((1.0, width / height))  # [V, 2]
-        at = texel_centres(height, width, self.view)[rows, None]
-        at = at - self.field.height.flatten()[rows, None, None] * shift
+        centre = texel_centres(height, width, self.view)[rows, None]  # [n, 1, 2]
+        at = self.field.place(centre, self.view)  # [n, V, 2]
         if self.drift is not None:
             at = at - self.drift
-        return texel_at(at, height, width, self.field.rule)
+        column, row = torch.floor(at[..., 0] * width), torch.floor((1.0 - at[..., 1]) * height)
+        rule = self.field.rule
+        return continued(row.long(), height, rule) * width + continued(column.long(), width, rule)

@@ -6,7 +6,7 @@ the surface point that the pixel sees.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor
@@ -38,11 +38,12 @@ class Lookups:
     width: int
     mixed: bool
     pixel: Tensor | None = None
+    _gathered: dict[int, Tensor] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def build(
         cls,
-        field: HeightField,
+        surface: HeightField,
         view: Tensor,
         drift: Tensor | None,
         importance: Tensor | None,
@@ -51,13 +52,16 @@ class Lookups:
         """The lookups through a relief.
 
         Args:
-            field: heights of the surface.
+            surface: its heights.
             view: `[V, 3]`.
             drift: registration of each picture, `[V, 2]`; None: 0.
             importance: weights of the pixels, `[T]`; None: 1.
             device: where the lookups lie.
         """
-        count, mixed = field.height.numel(), bool((field.height != 0.0).any()) or drift is not None
+        count, mixed = (
+            surface.height.numel(),
+            bool((surface.height != 0.0).any()) or drift is not None,
+        )
         pixel = None if importance is None else importance.float().sqrt()
         own = torch.arange(count, dtype=torch.int32)[:, None].expand(count, 4)
         alone = torch.tensor((1.0, 0.0, 0.0, 0.0)).expand(count, 4)
@@ -66,12 +70,12 @@ class Lookups:
             texel, weight = own, alone
             if mixed:
                 moved = None if drift is None else drift[v : v + 1]
-                found = field.footprint(view[v : v + 1], moved)
+                found = surface.footprint(view[v : v + 1], moved)
                 texel, weight = found.texel[0].int(), found.weight[0].float()
             texels.append(texel)
             weights.append(weight if pixel is None else weight * pixel[:, None])
         pixel = None if pixel is None else pixel.to(device)
-        size = field.height.shape
+        size = surface.height.shape
         return cls(
             torch.stack(texels).to(device), torch.stack(weights).to(device), *size, mixed, pixel
         )
@@ -94,7 +98,13 @@ class Lookups:
         return _csr(rows, self.texel[view].flatten(), self.weight[view].flatten(), texels)
 
     def gathered(self, view: int) -> Tensor:
-        """W_v^T, sparse CSR `[T, T]`: from pixels to texels."""
+        """W_v^T, sparse CSR `[T, T]`: from pixels to texels; kept, as every step needs it."""
+        if view not in self._gathered:
+            self._gathered[view] = self._transposed(view)
+        return self._gathered[view]
+
+    def _transposed(self, view: int) -> Tensor:
+        """`gathered`, made anew."""
         texels = self.texel.shape[1]
         order = stable_order(self.texel[view].flatten(), texels)
         count = torch.bincount(self.texel[view].flatten(), minlength=texels)

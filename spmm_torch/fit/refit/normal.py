@@ -18,8 +18,8 @@ from .lookups import HALF, Lookups
 
 # Place of a texel itself among the 3 x 3 around it.
 SELF = 4
-# Pairs of entries whose products are summed at once: some 100 MB for 16 views.
-PAIR_BLOCK = 1 << 20
+# Pairs of entries whose products are summed at once: 64 MB for 16 views.
+PAIR_BLOCK = 1 << 19
 # Views whose products of lobes are held at once.
 VIEW_BLOCK = 16
 
@@ -113,8 +113,8 @@ def _sums(rho: Tensor, squares: Tensor, lobe: Tensor, mate: Tensor, place: Tenso
 
 
 def _blocks(sizes: Tensor) -> list[slice]:
-    """Consecutive texels whose `sizes [T]` sum to about 4 blocks of pairs."""
-    block = (sizes.cumsum(0) - sizes) // (4 * PAIR_BLOCK)
+    """Consecutive texels whose `sizes [T]` sum to about two blocks of pairs."""
+    block = (sizes.cumsum(0) - sizes) // (2 * PAIR_BLOCK)
     ends = torch.nonzero(block[1:] != block[:-1]).squeeze(1).add(1).tolist()
     edges = [0, *ends, len(sizes)]
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
