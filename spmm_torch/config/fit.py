@@ -290,7 +290,7 @@ class RefitConfig:
         20, "maximum number of steps that weights, and then the residual, are refit", low=0
     )
     sweeps: int = setting(
-        2, "number of times that functions and coefficients of the residual are fit in turn", low=1
+        1, "number of times that functions and coefficients of the residual are fit in turn", low=1
     )
 
 

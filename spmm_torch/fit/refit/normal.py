@@ -57,6 +57,7 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
     start = torch.cat((rows.new_zeros(1), rows.cumsum(0)))
     column = torch.empty(int(start[-1]), dtype=torch.int32, device=count.device)
     value = torch.zeros(len(column), device=count.device)
+    own = torch.zeros(len(entries.index), device=count.device)
     for texels in _blocks(lines * count):
         first, last = int(entries.offset[texels.start]), int(entries.offset[texels.stop])
         if last == first:
@@ -70,14 +71,12 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
         part = slice(int(start[first]), int(start[last]))
         column[part] = other.int()
         value[part] = _sums(rho, squares, lobe, mate, place)
+        diagonal = torch.nonzero(other == first + entry).squeeze(1)
+        own.index_add_(0, other[diagonal], value[part][diagonal])
     size = len(entries.index)
     matrix = torch.sparse_csr_tensor(
         start.int(), column, value, (size, size), check_invariants=False
     )
-    entry = torch.repeat_interleave(rows)
-    own = torch.zeros(size, device=count.device)
-    on_diagonal = column == entry
-    own.index_add_(0, entry[on_diagonal], value[on_diagonal])
     return NormalMatrix(matrix, own)
 
 

@@ -269,6 +269,7 @@ class Setup:
         if self.scale is not None:
             rho = rho * self.scale.view(len(rho), 1, -1)
         lookups = self.lookups(problem.weights.of_texels(slice(None)))
+        normal = normal_matrix(entries, rho, lookups)
         products = problem.context.once(
             "pictures",
             Projections,
@@ -283,7 +284,7 @@ class Setup:
                 self.advance,
             ),
         )
-        return System(lookups, normal_matrix(entries, rho, lookups), products)
+        return System(lookups, normal, products)
 
     def clusters(
         self, entries: SparseWeights, components: RankResidual | None, system: System
