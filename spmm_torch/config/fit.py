@@ -237,7 +237,7 @@ class SelectConfig:
         None, "maximum number of lobes of a texel; null: no limit", low=1
     )
     min_gain: float = setting(
-        0.015,
+        0.01,
         "smallest fraction of a texel's remaining error that a new lobe must remove",
         low=0.0,
         high=1.0,

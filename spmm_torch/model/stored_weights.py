@@ -57,13 +57,19 @@ def encode_weights(weight: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     return code.to(dtype), torch.stack((least, largest), dim=1).float()
 
 
-def decode_weights(code: Tensor, limits: Tensor) -> Tensor:
+def decode_weights(code: Tensor, limits: Tensor, last: int | None = None) -> Tensor:
     """Weights `[N, C]` float32 of codes `[N, C]` and ranges `[C, 2]`.
 
     Code 0 is 0; code n is least * (largest / least)^((n - 1) / (last - 1)), where `last` is the
     largest code of the type. A table of all codes is made on the CPU, so that all devices agree.
+
+    Args:
+        code: `[N, C]`.
+        limits: least and largest weight of each channel, `[C, 2]`.
+        last: largest code; None: that of the type of `code`.
     """
-    table = _scale(limits.cpu(), torch.iinfo(code.dtype).max).to(code.device)  # [last + 1, C]
+    last = torch.iinfo(code.dtype).max if last is None else last
+    table = _scale(limits.cpu(), last).to(code.device)  # [last + 1, C]
     channel = torch.arange(code.shape[1], device=code.device)
     return table[code.long(), channel]
 

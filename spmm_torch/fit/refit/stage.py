@@ -25,7 +25,7 @@ from ...model.components import (
 )
 from ...model.lookup import SparseWeights
 from ...model.residual import decode_residual, encode_residual
-from ...model.stored_weights import WEIGHT_TYPES, by_lobe, rounded
+from ...model.stored_weights import WEIGHT_TYPES, by_lobe
 from ...solvers.sparse_nnls import sparse_nnls
 from ...solvers.status import Solver, StatusCounts
 from ..cluster import Clusters
@@ -47,6 +47,7 @@ from .components import (
 from .lookups import Lookups
 from .normal import NormalMatrix, normal_matrix
 from .projections import Projections, project
+from .rounding import rounded_together
 from .sweep import Swept, sweep
 
 # Largest loss by rounding the weights to their stored type: less than any figure shows.
@@ -207,7 +208,9 @@ def _refit(
         turns = turns.next(number)
     with context.watch("refit"):
         entries = turns.entries if turns else entries
-        kind, entries = _stored(config.storage.weights, system, entries)
+        generator = context.generator("rounding")
+        target = system.products.lobes if turns is None else turns.target
+        kind, entries = _stored(config.storage.weights, system, entries, target, generator)
     components, own, taken = None, None, 0.0
     if turns is not None:
         with context.watch("residual"):
@@ -356,6 +359,7 @@ class Turns:
         setup, system: of the refit.
         entries: fit of all texels.
         coefficient: c, `[T, R]`.
+        target: products that the weights are fit to, `[N, C]` float64.
         swept: functions for earlier coefficients; None before the first turn.
         fitted: whether the coefficients are of these functions.
     """
@@ -364,6 +368,7 @@ class Turns:
     system: System
     entries: SparseWeights
     coefficient: Tensor
+    target: Tensor
     swept: Swept | None = None
     fitted: bool = False
 
@@ -381,7 +386,7 @@ class Turns:
                 problem.grid().eval(setup.lobes),
                 problem.config.residual.rank,
             )
-        return cls(setup, system, entries, first)
+        return cls(setup, system, entries, first, system.products.lobes)
 
     def next(self, number: int) -> Turns:
         """The state after another turn, by a pass over the pictures."""
@@ -456,11 +461,13 @@ class Turns:
             share = residual_weight(without, taken, math.inf)
             shown = seen_by_lobes(own, self._kernel, system.lookups, self.entries)
             steps = self.setup.problem.config.refit.steps
-            entries = system.fitted(self.entries, system.products.lobes - share * shown, steps)[0]
+            target = system.products.lobes - share * shown
+            entries = system.fitted(self.entries, target, steps)[0]
         with context.watch("residual"):
             products = self._products(entries)
             found = replace(self, coefficient=self._coefficients(products))
-            return replace(found, entries=entries, swept=replace(self.swept, products=products))
+            swept = replace(self.swept, products=products)
+            return replace(found, entries=entries, swept=swept, target=target)
 
 
 def _weights(
@@ -473,15 +480,30 @@ def _weights(
 
 
 def _stored(
-    asked: str, system: System, entries: SparseWeights
+    asked: str,
+    system: System,
+    entries: SparseWeights,
+    target: Tensor,
+    generator: torch.Generator,
 ) -> tuple[torch.dtype, SparseWeights]:
-    """The number type of the weights in the file, and the entries as it holds them."""
+    """The number type of the weights in the file, and the entries as it holds them.
+
+    Args:
+        asked: `storage.weights`.
+        system: of the refit.
+        entries: fit of all texels.
+        target: products that the weights were fit to, `[N, C]`.
+        generator: of the rounding.
+    """
+
+    def of(kind: torch.dtype) -> SparseWeights:
+        return rounded_together(entries, kind, system.normal, target, generator)
+
     if asked != "auto":
-        kind = WEIGHT_TYPES[asked]
-        return kind, rounded(entries, kind)
+        return WEIGHT_TYPES[asked], of(WEIGHT_TYPES[asked])
     before = snr_db(system.products.energy, system.error(entries.weight))
     for kind in WEIGHT_TYPES.values():
-        found = rounded(entries, kind)
+        found = of(kind)
         if before - snr_db(system.products.energy, system.error(found.weight)) <= MAX_ROUNDING_DB:
             break
     return kind, found
