@@ -215,7 +215,7 @@ class DictionaryConfig:
         0.999, "correlation above which two lobes are merged into one", low=0.0, high=1.0
     )
     horizon: float = setting(
-        10.0,
+        2.0,
         "degrees over its own horizon within which a lobe fades for views; 0: cut hard, as in the "
         "paper",
         low=0.0,
