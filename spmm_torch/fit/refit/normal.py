@@ -14,6 +14,7 @@ from torch import Tensor
 from ...lobes.ragged import ranges
 from ...model.lookup import SparseWeights
 from ...runtime.memory import slices
+from ...runtime.sparse import csr_matrix
 from .lookups import HALF, Lookups
 
 # Place of a texel itself among the 3 x 3 around it.
@@ -71,9 +72,7 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
         column[part] = other.int()
         value[part] = _sums(rho, squares, lobe, mate, place)
     size = len(entries.index)
-    matrix = torch.sparse_csr_tensor(
-        start.int(), column, value, (size, size), check_invariants=False
-    )
+    matrix = csr_matrix(start.int(), column, value, (size, size))
     entry = torch.repeat_interleave(rows)
     own = torch.zeros(size, device=count.device)
     on_diagonal = column == entry

@@ -6,7 +6,7 @@ Weights and exact errors are algebra of these products.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -48,6 +48,10 @@ class Projections:
         """The products of a checkpoint; see `Projections.to_tensors`."""
         return cls(tensors["lobes"], *tensors["sums"].tolist())
 
+    def to(self, device: torch.device) -> Projections:
+        """The same on another device: what a checkpoint held is on the CPU."""
+        return replace(self, lobes=self.lobes.to(device))
+
 
 def project(
     pictures: BTF,
@@ -85,7 +89,7 @@ def project(
                 picture = picture * scale.view(lookups.views, -1, 1)[view]
             if lookups.pixel is not None:
                 picture = picture * lookups.pixel[:, None, None]
-            sums += _sums(picture, labels.to(device))
+            sums += _sums(picture, labels.to(device), lookups.pixel)
             seen = (lookups.gathered(view) @ picture.flatten(1)).view_as(picture)  # [T, L, C]
             _add_lobes(lobes, seen, rho[view], entries)
         advance(len(views) * ranks.size)
@@ -93,12 +97,18 @@ def project(
     return Projections(ranks.sum(lobes), energy, means)
 
 
-def _sums(picture: Tensor, labels: Tensor) -> Tensor:
-    """Energy of a picture `[T, L, C]` and of its cluster means, `[2]` float64."""
+def _sums(picture: Tensor, labels: Tensor, pixel: Tensor | None) -> Tensor:
+    """Energy of a picture `[T, L, C]` and of the weighted means of its clusters, `[2]` float64.
+
+    `pixel [T]` are the square roots of the weights, by which the picture is scaled; None: all 1.
+    """
     energy = torch.linalg.vector_norm(picture, dim=2).double().square().sum()
-    count = torch.bincount(labels)
-    total = picture.new_zeros(len(count), *picture.shape[1:]).index_add_(0, labels, picture)
-    means = (total.double().square().flatten(1).sum(1) / count.clamp(min=1)).sum()
+    if pixel is None:
+        pixel = picture.new_ones(len(picture))
+    count = torch.bincount(labels, pixel.double().square())
+    scaled = picture * pixel[:, None, None]
+    total = picture.new_zeros(len(count), *picture.shape[1:]).index_add_(0, labels, scaled)
+    means = (total.double().square().flatten(1).sum(1) / count).sum()
     return torch.stack((energy, means)).cpu()
 
 
