@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from ..model.relief import Relief
+from ..errors import ConfigError
+from ..model.relief import MAX_HEIGHT, Relief
 from .problem import Problem
 from .relief.estimate import estimate_relief
 
@@ -49,6 +50,7 @@ def align(problem: Problem) -> Problem:
     """The problem with values aligned through the relief of the BTF, where that pays.
 
     Raises:
+        ConfigError: its heights are greater than a model may have.
         DataError: the map of heights that the settings name is not valid.
     """
     context, config = problem.context, problem.config.relief
@@ -69,6 +71,7 @@ def align(problem: Problem) -> Problem:
         height = found.height
         if isinstance(height, float):
             height = torch.tensor([height])
+        _check_reach(height)
         return FoundRelief(
             torch.zeros(0) if height is None else height.flatten().cpu(),
             torch.zeros(0, 2) if found.drift is None else -found.drift.cpu(),
@@ -79,3 +82,13 @@ def align(problem: Problem) -> Problem:
         found = context.once("relief", FoundRelief, lambda: context.ranks.first(find))
     relief = found.relief(problem.pictures.texel_count)
     return problem if relief is None else problem.through(relief)
+
+
+def _check_reach(height: Tensor | None) -> None:
+    """Refuses heights that no model has; only those of a map that is given are so great."""
+    reach = 0.0 if height is None else float(height.abs().max())
+    if reach > MAX_HEIGHT:
+        raise ConfigError(
+            f"heights by relief.height and relief.height_scale reach {reach:.2f} texture widths; "
+            f"expected at most {MAX_HEIGHT}; lower relief.height_scale."
+        )

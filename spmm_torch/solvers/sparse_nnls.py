@@ -63,9 +63,9 @@ def sparse_nnls(
     inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]  # [N, 1]
     x, gradient = start, gram @ start - rhs
     value = _value(x, gradient, rhs)  # [C]
-    length = torch.ones_like(x[0])
+    length = x.new_ones(x.shape[1])
     step, last, free = torch.zeros_like(x), gradient, torch.zeros_like(x).bool()
-    squared = torch.zeros_like(x[0])  # length of the last gradient in the metric 1 / diagonal
+    squared = torch.zeros_like(length)  # length of the last gradient in the metric 1 / diagonal
     open_ = violation(x, gradient, rhs, inverse) > tolerance  # [C]
     for _ in range(steps):
         if not bool(open_.any()):

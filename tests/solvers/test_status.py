@@ -49,6 +49,7 @@ def test_solvers_do_not_mix() -> None:
         "adam",
         "varpro",
         "kmeans",
+        "sparse_nnls",
     ]
     assert counts["nnls"] == {"converged": 1, "limit": 1, "no_descent": 0, "not_finite": 0}
     assert counts["kmeans"] == {"converged": 1, "limit": 0, "no_descent": 0, "not_finite": 0}

@@ -17,6 +17,7 @@ from torch.nn.functional import one_hot
 from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
+from ...runtime.sparse import csr_matrix
 from .lookups import Lookups
 from .matrices import channel_matrices
 
@@ -109,7 +110,8 @@ def left_over(
     products = torch.zeros(views, clusters, *shape, device=device)
     gram = torch.zeros(views, clusters, clusters, device=device)
     energy, value_energy, means = torch.zeros(3, views, *shape, dtype=torch.float64, device=device)
-    count = member.sum(0)
+    own = member if lookups.pixel is None else member * lookups.pixel[:, None]
+    count = own.double().square().sum(0)
     for view in ranks.share(torch.arange(views)).tolist():
         value = lobe_values(entries, rho[view])  # [T, L, C]
         if components is not None:
@@ -125,7 +127,7 @@ def left_over(
         gram[view] = seen.T @ seen
         energy[view] = left.double().square().sum(0).view(shape)
         value_energy[view] = picture.double().square().sum(0)
-        total = (member.T @ picture.flatten(1)).double()  # [K, L C]
+        total = (own.T @ picture.flatten(1)).double()  # [K, L C]
         means[view] = (total.square() / count[:, None]).sum(0).view(shape)
         advance(ranks.size)
     parts = (products, gram, energy, value_energy, means)
@@ -134,4 +136,13 @@ def left_over(
 
 def lobe_values(entries: SparseWeights, rho: Tensor) -> Tensor:
     """Values `[T, L, C]` of the lobes of all texels, given `rho [J, L]` of one view."""
+<<<<<<< HEAD
     return torch.stack([weight @ rho for weight in channel_matrices(entries, len(rho))], dim=-1)
+=======
+    shape = (len(entries.offset) - 1, len(rho))
+    planes = [
+        csr_matrix(entries.offset, entries.index, weight.contiguous(), shape) @ rho
+        for weight in entries.weight.T
+    ]
+    return torch.stack(planes, dim=-1)
+>>>>>>> tests1

@@ -68,7 +68,7 @@ def coefficients(
     """
     share = lookups.weight.square().sum((1, 2)) / lookups.weight.shape[1]  # [V]
     mean = torch.einsum("v,vrs->rs", share, gram)
-    ridge = RIDGE * mean.diagonal().mean().clamp(min=torch.finfo(mean.dtype).tiny)
+    ridge = (RIDGE * mean.diagonal().mean()).clamp(min=torch.finfo(mean.dtype).tiny)
     inverse = torch.linalg.inv((mean + ridge * torch.eye(len(mean)).to(mean)).double()).to(mean)
     rhs = rhs.to(mean)
     first = (rhs * (rhs @ inverse)).sum()

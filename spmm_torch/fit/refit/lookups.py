@@ -12,7 +12,11 @@ import torch
 from torch import Tensor
 
 from ...geometry.relief import HeightField
+<<<<<<< HEAD
 from ...lobes.ragged import stable_order
+=======
+from ...runtime.sparse import csr_matrix
+>>>>>>> tests1
 
 # Pairs of corners of a 2 x 2 block, a before b: corners are in the order of rows.
 CORNER_PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
@@ -95,7 +99,8 @@ class Lookups:
         """W_v, sparse CSR `[T, T]`: from texels to pixels."""
         texels = self.texel.shape[1]
         rows = torch.arange(0, 4 * texels + 1, 4, dtype=torch.int32, device=self.texel.device)
-        return _csr(rows, self.texel[view].flatten(), self.weight[view].flatten(), texels)
+        weight = self.weight[view].flatten()
+        return csr_matrix(rows, self.texel[view].flatten(), weight, (texels, texels))
 
     def gathered(self, view: int) -> Tensor:
         """W_v^T, sparse CSR `[T, T]`: from pixels to texels; kept, as every step needs it."""
@@ -110,7 +115,7 @@ class Lookups:
         count = torch.bincount(self.texel[view].flatten(), minlength=texels)
         rows = torch.cat((count.new_zeros(1), count.cumsum(0))).int()
         pixel = order.div(4, rounding_mode="floor").int()
-        return _csr(rows, pixel, self.weight[view].flatten()[order], texels)
+        return csr_matrix(rows, pixel, self.weight[view].flatten()[order], (texels, texels))
 
     def squares(self) -> Tensor:
         """W_v^T W_v of all views, `[V, T, 5]`: of each texel and its neighbours in `HALF`."""
@@ -130,8 +135,3 @@ class Lookups:
                 product = torch.where((down == 0) & (right == 0), 2.0 * product, product)
             table.scatter_add_(1, first * len(HALF) + slot, product)
         return table.view(views, texels, len(HALF))
-
-
-def _csr(rows: Tensor, columns: Tensor, values: Tensor, size: int) -> Tensor:
-    """A square sparse matrix; its indices are valid as they were made."""
-    return torch.sparse_csr_tensor(rows, columns, values, (size, size), check_invariants=False)

@@ -14,6 +14,7 @@ from torch import Tensor
 from ...lobes.ragged import ranges
 from ...model.lookup import SparseWeights
 from ...runtime.memory import slices
+from ...runtime.sparse import csr_matrix
 from .lookups import HALF, Lookups
 
 # Place of a texel itself among the 3 x 3 around it.
@@ -74,9 +75,17 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
         diagonal = torch.nonzero(other == first + entry).squeeze(1)
         own.index_add_(0, other[diagonal], value[part][diagonal])
     size = len(entries.index)
+<<<<<<< HEAD
     matrix = torch.sparse_csr_tensor(
         start.int(), column, value, (size, size), check_invariants=False
     )
+=======
+    matrix = csr_matrix(start.int(), column, value, (size, size))
+    entry = torch.repeat_interleave(rows)
+    own = torch.zeros(size, device=count.device)
+    on_diagonal = column == entry
+    own.index_add_(0, entry[on_diagonal], value[on_diagonal])
+>>>>>>> tests1
     return NormalMatrix(matrix, own)
 
 

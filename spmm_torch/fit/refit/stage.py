@@ -170,10 +170,17 @@ def refit_pictures(
         return _as_found(problem, found, fits)
     lobes = found.lobes.to(problem.device)
     entries = by_lobe(SparseWeights(*(x.to(problem.device) for x in vars(found.entries).values())))
-    passes = 1 + config.refit.sweeps + 2 * (not problem.weights.uniform) + config.residual.clusters
-    total = passes * len(problem.btf.view)
+    total = _passes(problem) * len(problem.btf.view)
     with problem.context.progress.stage("pictures", total, "views") as advance:
         return _refit(problem, clusters, lobes, entries, advance)
+
+
+def _passes(problem: Problem) -> int:
+    """How often the pictures are read."""
+    residual = problem.config.residual
+    sweeps = problem.config.refit.sweeps if residual.rank else 0
+    plain = 1 + (residual.rank > 0 or residual.clusters)  # errors without weights
+    return 1 + sweeps + residual.clusters + (0 if problem.weights.uniform else plain)
 
 
 def _as_found(problem: Problem, found: Mixtures, fits: list[ClusterFit]) -> Refit:
@@ -287,7 +294,12 @@ class Setup:
                 self.advance,
             ),
         )
+<<<<<<< HEAD
         return System(lookups, normal, products)
+=======
+        normal = normal_matrix(entries, rho, lookups)
+        return System(lookups, normal, products.to(problem.device))
+>>>>>>> tests1
 
     def clusters(
         self, entries: SparseWeights, components: RankResidual | None, system: System
@@ -406,6 +418,7 @@ class Turns:
                     self.setup.advance,
                 ),
             )
+            swept = swept.to(problem.device)
             found = replace(self, swept=swept)
             found = replace(found, coefficient=found._coefficients(swept.products), fitted=True)
         return found._beside_residual() if problem.config.residual.joint else found

@@ -46,6 +46,10 @@ class Swept:
         """The functions of a checkpoint; see `Swept.to_tensors`."""
         return cls(**tensors)
 
+    def to(self, device: torch.device) -> Swept:
+        """The same on another device: what a checkpoint held is on the CPU."""
+        return Swept(self.functions.to(device), self.products.to(device))
+
 
 def sweep(
     pictures: BTF,
