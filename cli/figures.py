@@ -35,6 +35,7 @@ def add_options(parser: Parser) -> None:
         help="names of the figures to draw, such as figure3,figure10 (default: all)",
     )
     add("--list", action=ListAction, lines=figure_lines, help="print the names of all figures")
+    add("--lobes-alone", action="store_true", help="show the model without its residual")
     add_settings(parser, RenderSettings, "size", "samples", "seed")
     add(
         "--texel",
@@ -61,6 +62,7 @@ def figure_lines() -> list[str]:
 
 def run(options: argparse.Namespace) -> list[str]:
     """Draws into a folder that appears whole or not at all."""
+    from spmm_torch.edit.edits.residual_strength import residual_strength
     from spmm_torch.figures import Subject
     from spmm_torch.model.spmm import SPMM
     from spmm_torch.runtime.atomic import new_folder
@@ -71,6 +73,8 @@ def run(options: argparse.Namespace) -> list[str]:
     with new_folder(options.output) as folder:
         device = resolve_device(options.device)
         model = SPMM.load(options.run, device)
+        if options.lobes_alone:
+            model = residual_strength(model, 0.0)
         subject = Subject(model, lambda: load_source(options, progress), device, choices, progress)
         drawn = {each: each.draw(subject) for each in wanted}
         write_figures(folder, options.run, model.name, drawn)

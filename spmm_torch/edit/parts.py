@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
 from ..lobes.batch import LobeBatch
@@ -32,6 +33,9 @@ def with_parts(
         components: the residual of each texel.
         relief: heights of the surface.
     """
+    kind = model.weight_type
+    if weights is not None and kind == torch.uint8:
+        kind = torch.int16  # other weights change the range, and one byte would round all anew
     return SPMM(
         model.height,
         model.width,
@@ -43,6 +47,6 @@ def with_parts(
         model.view,
         model.name,
         components=components or model.components,
-        weight_type=model.weight_type,
+        weight_type=kind,
         relief=relief or model.relief,
     )

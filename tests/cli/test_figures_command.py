@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from spmm_torch import SPMM
 from spmm_torch.cli.main import main
+from spmm_torch.edit.edits.residual_strength import residual_strength
 from spmm_torch.figures import FIGURES, sampling
 from tests.planted.btfs import rough_btf
 from tests.planted.runs import make_run, save
@@ -67,6 +70,24 @@ def test_some_figures_need_no_input(run: Path, tmp_path: Path) -> None:
     values = json.loads((tmp_path / "out" / "figures.json").read_text(encoding="utf-8"))
     assert values["figure10"]["texel"] == [1, 2]
     assert values["figure10"]["view_degrees"] == pytest.approx([30.0, 90.0])
+
+
+def test_figures_of_the_lobes_alone(run: Path, tmp_path: Path) -> None:
+    plain = tmp_path / "plain"
+    shutil.copytree(run, plain)
+    model = residual_strength(SPMM.load(run), 0.0)
+    (plain / "model.safetensors").write_bytes(model.pack())
+    for source, name, words in (
+        (run, "lobes", ["--lobes-alone"]),
+        (plain, "bare", []),
+        (run, "whole", []),
+    ):
+        out = str(tmp_path / name)
+        assert main(["figures", str(source), "-o", out, "--only", "figure5", *words, *SMALL]) == 0
+    lobes, bare, whole = (
+        (tmp_path / name / "figure5.png").read_bytes() for name in ("lobes", "bare", "whole")
+    )
+    assert lobes == bare != whole
 
 
 def test_a_single_texel(tmp_path: Path) -> None:

@@ -9,18 +9,18 @@ from spmm_torch.geometry.directions import MIRROR
 from spmm_torch.model.relief import Relief
 from spmm_torch.report.maps import model_maps
 from spmm_torch.report.relief import height_map, relief_gallery
+from tests.planted.btfs import measured
 from tests.planted.models import planted_relief, with_relief
-from tests.report.conftest import btf_of
 
 
 def test_flat_models_show_no_relief(model: SPMM) -> None:
     assert model_maps(model).heights is None
-    assert relief_gallery(model, btf_of(model)) is None
+    assert relief_gallery(model, measured(model)) is None
 
 
 def test_the_oblique_view_is_shown_with_and_without_it(model: SPMM) -> None:
     rough = with_relief(model, planted_relief(5, 7, 0.2, MIRROR))
-    found = relief_gallery(rough, btf_of(rough))
+    found = relief_gallery(rough, measured(rough))
     assert found is not None
     (row,) = found.rows
     original, with_it, without = row.pictures
