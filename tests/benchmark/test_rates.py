@@ -12,7 +12,7 @@ import torch
 
 from spmm_torch.benchmark import rates
 from spmm_torch.benchmark.fits import TimedFit, on_device, plain_fit
-from spmm_torch.benchmark.rates.leads import SIGNS, leads_of
+from spmm_torch.benchmark.rates.leads import SIGNS, comparable, leads_of
 from spmm_torch.benchmark.rates.ours import our_rows
 from spmm_torch.benchmark.rates.subject import Subject, middle
 from spmm_torch.benchmark.scope import Bench
@@ -121,12 +121,14 @@ def test_the_middle_of_a_large_texture() -> None:
     assert found is not None and found.crop == (1, 0, 6, 4)
 
 
-def point(curve: str, size: float, snr: float, flip: float | None = None) -> Row:
+def point(
+    curve: str, size: float, snr: float, flip: float | None = None, total: float | None = None
+) -> Row:
     return {
         "curve": curve,
         "ours": curve == "ours",
         "bytes_per_texel": size,
-        "bytes": 100 * size,
+        "bytes": 100 * size if total is None else total,
         "snr_db": snr,
         "flip": flip,
     }
@@ -135,7 +137,7 @@ def point(curve: str, size: float, snr: float, flip: float | None = None) -> Row
 def test_leads_of_a_known_table() -> None:
     rows = [
         point("ours", 20.0, 9.0),
-        point("ours", 40.0, 12.0),
+        point("ours", 40.0, 12.0, total=9000.0),
         point("peer", 10.0, 8.0),
         point("peer", 30.0, 10.5),
         point("peer", 35.0, 11.0),
@@ -148,7 +150,14 @@ def test_leads_of_a_known_table() -> None:
     ]
     assert spans == [(10.0, 20.0, None), (30.0, 40.0, 2.0), (90.0, None, 1.0)]
     totals = [lead["first"] for lead in leads_of(rows) if lead["cost"] == "bytes"]
-    assert totals == [1000.0, 3000.0, 9000.0]
+    assert totals == [1000.0, 3000.0]
+
+
+def test_a_large_basis_counts_only_over_all_bytes() -> None:
+    rows = [point("ours", 20.0, 9.0, total=100.0), point("peer", 20.0, 12.0, total=101.0)]
+    (lead,) = leads_of(rows)
+    assert lead["cost"] == "bytes" and lead["lead"] == 3.0
+    assert comparable(rows, "bytes") == rows and comparable(rows, "bytes_per_texel") == rows[:1]
 
 
 def test_less_flip_is_a_lead() -> None:

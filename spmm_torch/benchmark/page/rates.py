@@ -9,7 +9,7 @@ from ...report.plots import Axis, Point, Series, plot
 from ...report.views import Chart
 from ...report.wording import decibels, fixed, short_seconds, size, three_figures
 from ..front import pareto_front
-from ..rates.leads import SIGNS
+from ..rates.leads import SIGNS, comparable
 
 Row = Mapping[str, Any]
 AXES = {
@@ -32,7 +32,9 @@ def rate_charts(part: Mapping[str, Any]) -> tuple[Chart, ...]:
                 continue
             for cost in ("bytes_per_texel", "bytes"):
                 title = f"{material}: {AXES[quality].name} over {AXES[cost].name}"
-                drawing = plot(_series(own, cost, quality), AXES[cost], AXES[quality], title)
+                drawing = plot(
+                    _series(comparable(own, cost), cost, quality), AXES[cost], AXES[quality], title
+                )
                 caption = "Higher is better." if quality == "snr_db" else "Lower is better."
                 charts.append(Chart(title, drawing, caption))
     return tuple(charts)
@@ -62,17 +64,20 @@ def _text(row: Row) -> str:
 
 
 def lead_lines(part: Mapping[str, Any]) -> tuple[str, ...]:
-    """One sentence for each range of bytes in which a peer is ahead of us."""
-    return tuple(_line(lead) for lead in part["leads"])
+    """One sentence for each range of bytes in which a peer is ahead of us.
+
+    Where a peer alone is so small, one sentence is enough for both errors.
+    """
+    return tuple(dict.fromkeys(_line(lead) for lead in part["leads"]))
 
 
 def _line(lead: Row) -> str:
     told = (lambda value: size(value)) if lead["cost"] == "bytes" else _each
     first = told(lead["first"])
     where = f"from {first} on" if lead["end"] is None else f"from {first} to {told(lead['end'])}"
-    subject = f"{lead['material']}, {WORDS[lead['quality']]}: {lead['curve']}"
     if lead["lead"] is None:
-        return f"{subject} alone is so small, {where}."
+        return f"{lead['material']}: {lead['curve']} is there, and we have nothing, {where}."
+    subject = f"{lead['material']}, {WORDS[lead['quality']]}: {lead['curve']}"
     amount = decibels(lead["lead"]) if lead["quality"] == "snr_db" else fixed(lead["lead"], 3)
     return f"{subject} is ahead by up to {amount}, {where}."
 

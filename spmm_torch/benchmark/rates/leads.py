@@ -12,6 +12,23 @@ from .subject import COSTS, QUALITIES, Row
 SIGNS = {"snr_db": 1.0, "flip": -1.0}
 
 
+def comparable(rows: Sequence[Row], cost: str) -> list[Row]:
+    """Points that a plot over some cost shows.
+
+    A small texture has so few texels for each component of a cluster that many components can hold
+    it all. Over bytes a texel, points that take more bytes in all than our largest one are left
+    out.
+
+    Args:
+        rows: points of one material.
+        cost: key of a point.
+    """
+    if cost == "bytes":
+        return list(rows)
+    most = max((row["bytes"] for row in rows if row["ours"]), default=0)
+    return [row for row in rows if row["bytes"] <= most]
+
+
 def leads_of(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """All ranges of bytes in which a peer is ahead of our best point of no more bytes.
 
@@ -24,14 +41,14 @@ def leads_of(rows: Sequence[Row]) -> list[dict[str, Any]]:
         unit of the quality; null where we have no point of so few bytes.
     """
     ours = [row for row in rows if row["ours"]]
-    curves = list(dict.fromkeys(row["curve"] for row in rows if not row["ours"]))
     found = []
     for cost in COSTS:
+        others = [row for row in comparable(rows, cost) if not row["ours"]]
         for quality in QUALITIES:
             if any(row[quality] is None for row in rows):
                 continue
-            for curve in curves:
-                peer = [row for row in rows if row["curve"] == curve]
+            for curve in dict.fromkeys(row["curve"] for row in others):
+                peer = [row for row in others if row["curve"] == curve]
                 facts = {"curve": curve, "cost": cost, "quality": quality}
                 found += [{**facts, **span} for span in _spans(peer, ours, cost, quality)]
     return found
