@@ -13,7 +13,7 @@ import torch
 from spmm_torch.benchmark import rates
 from spmm_torch.benchmark.fits import TimedFit, on_device, plain_fit
 from spmm_torch.benchmark.rates.leads import SIGNS, comparable, leads_of
-from spmm_torch.benchmark.rates.ours import our_rows
+from spmm_torch.benchmark.rates.ours import _fits, our_rows
 from spmm_torch.benchmark.rates.subject import Subject, middle
 from spmm_torch.benchmark.scope import Bench
 from spmm_torch.benchmark.variants import DEFAULT, shipped
@@ -91,6 +91,14 @@ def test_shared_stages_change_no_point(raised: Bench, part: Row) -> None:
         row = rows_of(part, "ours, flat")[f"rank {rank}"]
         assert row["bytes"] == pytest.approx(report["bytes"]["total"], rel=0.02)
         assert row["snr_db"] == pytest.approx(report["snr_db"]["with_residual"], abs=0.1)
+
+
+def test_seconds_of_shared_stages_are_kept(raised: Bench) -> None:
+    fits = _fits(Subject("raised", raised.open().load(), raised), "auto")
+    assert [rank for rank, _ in fits] == sorted(RANKS, reverse=True)
+    seconds = [result.report["seconds"] for _, result in fits]
+    for stage in ("relief", "cluster", "search"):
+        assert seconds[1][stage] == pytest.approx(seconds[0][stage]) != 0.0
 
 
 def test_materials_are_measured_beside_the_input(raised: Bench, default: TimedFit) -> None:
