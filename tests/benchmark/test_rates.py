@@ -58,8 +58,8 @@ def test_all_methods_are_there(part: Row) -> None:
         "ours, flat",
         "local PCA",
         "local PCA, our relief",
-        "neural, 0.05 x our time",
-        "neural, depth, 0.05 x our time",
+        "neural, 0.05 x time",
+        "neural depth, 0.05 x time",
     ]
     assert {row["material"] for row in part["rows"]} == {"raised"}
     assert all(row["bytes"] > SIDE**2 * row["bytes_per_texel"] > 0.0 for row in part["rows"])

@@ -72,15 +72,13 @@ def lead_lines(part: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _line(lead: Row) -> str:
-    told = (lambda value: size(value)) if lead["cost"] == "bytes" else _each
-    first = told(lead["first"])
-    where = f"from {first} on" if lead["end"] is None else f"from {first} to {told(lead['end'])}"
+    told = size if lead["cost"] == "bytes" else three_figures
+    unit = "" if lead["cost"] == "bytes" else " bytes a texel"
+    first, end = told(lead["first"]), None if lead["end"] is None else told(lead["end"])
+    curve = lead["curve"]
     if lead["lead"] is None:
-        return f"{lead['material']}: {lead['curve']} is there, and we have nothing, {where}."
-    subject = f"{lead['material']}, {WORDS[lead['quality']]}: {lead['curve']}"
+        return f"{lead['material']}: {curve} begins at {first}{unit}, ours at {end}{unit}."
+    where = f"from {first}{unit} on" if end is None else f"from {first} to {end}{unit}"
     amount = decibels(lead["lead"]) if lead["quality"] == "snr_db" else fixed(lead["lead"], 3)
-    return f"{subject} is ahead by up to {amount}, {where}."
-
-
-def _each(value: float) -> str:
-    return f"{three_figures(value)} bytes a texel"
+    quality = WORDS[lead["quality"]]
+    return f"{lead['material']}, {quality}: {curve} is ahead by up to {amount}, {where}."

@@ -10,7 +10,7 @@ from ..peers.training import train
 from .subject import Row, Subject
 
 # Both networks by the names of their lines.
-KINDS = {"neural": NeuralBTF, "neural, depth": DepthBTF}
+KINDS = {"neural": NeuralBTF, "neural depth": DepthBTF}
 
 
 def neural_rows(subject: Subject, seconds: float) -> list[Row]:
@@ -28,7 +28,7 @@ def neural_rows(subject: Subject, seconds: float) -> list[Row]:
                 build = partial(network, latent=latent)
                 model, _ = train(build, subject.btf, values, factor * seconds)
                 sizes = model.texel_bytes, model.shared_bytes
-                curve, name = f"{kind}, {factor:g} x our time", f"{latent} latent values"
+                curve, name = f"{kind}, {factor:g} x time", f"{latent} latent values"
                 rows.append(subject.drawn(curve, name, model.of_view, sizes, factor * seconds))
                 subject.bench.advance()
     return rows
