@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from spmm_torch.benchmark.scope import Bench, Scope
 
 # The modules of `spmm_torch.benchmark` that measure something, in their order.
-PARTS = ("sweep", "peers", "weightings", "scaling", "limits")
+PARTS = ("sweep", "peers", "rates", "weightings", "scaling", "limits")
 RESULTS, PAGE = "benchmark.json", "benchmark.html"
 SCHEMA_VERSION = 1
 
@@ -37,10 +37,11 @@ def add_options(parser: Parser) -> None:
     add = parser.add_argument
     add(
         "input",
-        nargs="?",
+        nargs="*",
         type=file_name,
         metavar="INPUT",
-        help="BTF as for spmm fit (default: the bundled sample)",
+        help="BTF as for spmm fit (default: the bundled sample); of several the first is measured, "
+        "and all of them by the part rates",
     )
     add_output(parser, "OUT", f"folder to make, with {RESULTS} and {PAGE}")
     add(
@@ -72,7 +73,8 @@ def run(options: argparse.Namespace) -> list[str]:
     parts, progress = chosen_parts(options.parts), Progress()
     scope = chosen_scope(options.small, options.repeats)
     device = resolve_device(options.device)
-    source = Path(options.input) if options.input else sample_path()
+    source, *others = [Path(name) for name in options.input] or [sample_path()]
+    scope = replace(scope, materials=tuple(others))
     with new_folder(options.output) as folder:
         total = 1 + sum(part(name).count(scope) for name in parts)
         with progress.stage("benchmark", total, "measurements") as stage:
@@ -163,8 +165,14 @@ def finite(value: Any) -> Any:
 
 
 def headlines(results: dict[str, Any]) -> list[str]:
-    """What a person wants to know at once: exponents and fractions."""
+    """What a person wants to know at once: leads of peers, exponents and fractions."""
     lines = []
+    for lead in results.get("rates", {}).get("leads", []):
+        if lead["cost"] == "bytes_per_texel" and lead["quality"] == "snr_db" and lead["lead"]:
+            lines.append(
+                f"{lead['material']}: {lead['curve']} is ahead by up to {lead['lead']:.2f} dB from "
+                f"{lead['first']:.1f} bytes a texel"
+            )
     for row in results.get("scaling", {}).get("exponents", []):
         power = row["power"]["total"]
         shown = "too fast to tell" if power is None else f"{power:.2f}"

@@ -14,6 +14,11 @@ values that are not finite are null, and parts that were not asked for are missi
     peers: rows [peer, name, group (whole, search, selection), texels (measured on), seconds (a
         TIME, from decoded values), snr_db, bytes (null: of a part), mean_basis_per_texel, note],
         skipped [peer, reason].
+    rates: rows [material, curve, name, ours (true or false), bytes_per_texel, bytes (all), snr_db,
+        flip (mean over slices; null without the extra `eval`), seconds], leads [material, curve,
+        cost (bytes_per_texel, bytes), quality (snr_db, flip), first, end (bytes from which and up
+        to which a peer is ahead; null: no end), lead (the largest; null: we have nothing so
+        small)].
     weightings: rows [FIT + error (l2, cube-root, log), mssim {y, cr, cb, mean}, flip (null without
         the extra `eval`)].
     scaling: rows [varies (texels, directions), texels, direction_pairs, device, threads, seconds

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
@@ -53,8 +54,11 @@ class WorkCounter(TorchDispatchMode):
             read = [leaf for leaf in tree_leaves((args, kwargs)) if isinstance(leaf, Tensor)]
             self.work.bytes += sum(_bytes(part) for part in (*written, *read))
             formula = flop_registry.get(function.overloadpacket)
-            if formula is None:
-                self.work.flops += sum(part.numel() for part in written)
+            sparse = [part for part in read if part.layout == torch.sparse_csr]
+            if sparse and formula is not None:
+                self.work.flops += 2.0 * sparse[0]._nnz() * result.shape[-1]
+            elif formula is None:
+                self.work.flops += sum(_stored(part) for part in written)
             else:
                 self.work.flops += formula(*args, **kwargs, out_val=result)
         return result
@@ -70,10 +74,18 @@ def _only_views(function: Any) -> bool:
 
 def _bytes(part: Tensor) -> int:
     """Bytes of a tensor in memory, where broadcast dimensions take no room."""
+    if part.layout == torch.sparse_csr:
+        parts = (part.crow_indices(), part.col_indices(), part.values())
+        return sum(_bytes(each) for each in parts)
     count = 1
     for size, stride in zip(part.shape, part.stride(), strict=True):
         count *= size if stride or size == 0 else 1
     return count * part.element_size()
+
+
+def _stored(part: Tensor) -> int:
+    """Numbers that a tensor holds: of a sparse one, those that are not left out."""
+    return part._nnz() if part.layout == torch.sparse_csr else part.numel()
 
 
 @dataclass

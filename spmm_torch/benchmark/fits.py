@@ -15,15 +15,16 @@ import torch
 
 from ..config.fit import FitConfig
 from ..data import BTF
+from ..fit.cluster import coordinate_count
 from ..fit.pipeline import FitResult, fit, with_lobe_limit
 from ..runtime.context import Context
 from .protocol import Timing, forget_peak, stage_medians
 from .scope import Bench
 
 # Stages that a fit can take over from another one with the same settings for them.
-EARLY_STAGES = ("cluster.safetensors", "search.safetensors")
-# Settings that only matter after these stages.
-LATER_SETTINGS = {"dictionary", "select", "residual"}
+EARLY_STAGES = ("relief.safetensors", "cluster.safetensors", "search.safetensors")
+# Settings that only matter after these stages, but for the number of principal coordinates.
+LATER_SETTINGS = {"dictionary", "select", "residual", "refit", "storage"}
 
 
 @dataclass(frozen=True)
@@ -116,14 +117,16 @@ class SharedStages:
 
     @staticmethod
     def _files(folder: Path | None) -> list[Path]:
-        return [] if folder is None else [folder / name for name in EARLY_STAGES]
+        paths = [] if folder is None else [folder / name for name in EARLY_STAGES]
+        return [path for path in paths if path.exists()]  # without a relief it is not sought
 
 
 def _early_settings(config: FitConfig) -> str:
     """All settings that clusters and found lobes depend on, as text."""
     values = with_lobe_limit(config).to_dict()
     later = LATER_SETTINGS | (set() if config.search.method == "stagewise" else {"stagewise"})
-    return json.dumps({key: value for key, value in values.items() if key not in later})
+    kept = {key: value for key, value in values.items() if key not in later}
+    return json.dumps({**kept, "coordinates": coordinate_count(config)})
 
 
 def _totals(results: list[FitResult]) -> list[float]:

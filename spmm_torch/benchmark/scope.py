@@ -25,7 +25,10 @@ class Scope:
         sweep: groups of variants that are swept; None for all.
         search_texels: texels of the search by SciPy, which is too slow for more.
         dictionary_texels: texels of the solvers for one texel at a time.
-        training: training times of the neural peer, in units of the time of the default fit.
+        training: training times of the neural peers, in units of the time of our own fit.
+        ranks: of the residual of our model, and components of local PCA, for rates.
+        latents: latent values a texel of the neural peers, for rates.
+        materials: further inputs whose rates are measured.
         texels: numbers of texels for scaling.
         few_texels: most texels for scaling with one thread.
         direction_texels: texels while the number of directions varies.
@@ -39,6 +42,9 @@ class Scope:
     search_texels: int = 3
     dictionary_texels: int = 48
     training: tuple[float, ...] = (1.0, 10.0)
+    ranks: tuple[int, ...] = (0, 4, 8, 16, 32, 64)
+    latents: tuple[int, ...] = (8, 24)
+    materials: tuple[Path, ...] = ()
     texels: tuple[int, ...] = (1024, 4096, 16384, 65536)
     few_texels: int = 16384
     direction_texels: int = 1024
@@ -67,6 +73,8 @@ SMALL = Scope(
     search_texels=1,
     dictionary_texels=4,
     training=(0.2, 2.0),
+    ranks=(0, 4),
+    latents=(4,),
     texels=(64, 256, 1024),
     few_texels=256,
     direction_texels=16,

@@ -61,9 +61,10 @@ VARIANTS: tuple[Variant, ...] = (
     _models("lambertian", "ward"),
     _models("lambertian", "cook_torrance"),
     _models(*(name for name in PAPER_MODELS if name != "lafortune")),
-    *_each("precision", "residual.precision", "float32"),
+    *_each("precision", "storage.weights", "byte", "float32"),
+    *_each("residual", "residual.rank", 0, 8, 32),
     *_each("residual", "residual.joint", "false"),
-    *_each("residual", "residual.alternations", 1),
+    *_each("residual", "residual.clusters", "true"),
 )
 
 

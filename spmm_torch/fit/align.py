@@ -78,8 +78,12 @@ def align(problem: Problem) -> Problem:
             torch.tensor(found.rule == "mirror"),
         )
 
-    with context.watch("relief"), context.progress.stage("relief"):
-        found = context.once("relief", FoundRelief, lambda: context.ranks.first(find))
+    def work() -> FoundRelief:
+        with context.watch("relief"):  # inside, so that a checkpoint keeps the seconds
+            return context.ranks.first(find)
+
+    with context.progress.stage("relief"):
+        found = context.once("relief", FoundRelief, work)
     relief = found.relief(problem.pictures.texel_count)
     return problem if relief is None else problem.through(relief)
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor
 
+from ..config.fit import FitConfig
 from ..data.blocks import block_texels
 from ..data.error_weights import Weights
 from ..runtime.memory import slices
@@ -147,8 +148,7 @@ def principal_points(
     then works on P coordinates instead of D * C values. `advance` receives 2 T in all.
     """
     btf, ranks, device = problem.btf, problem.context.ranks, problem.device
-    config = problem.config
-    components = max(config.cluster.components, SPAN * config.residual.rank)
+    components = coordinate_count(problem.config)
     width = btf.pair_count * btf.channels
     rank = min(components + OVERSAMPLING, btf.texel_count, width)
     probe = torch.randn(btf.pair_count, btf.channels, rank, generator=generator)
@@ -173,6 +173,11 @@ def principal_points(
     turned = (basis.cpu() @ rotation)[:, :components]  # [C D, P]
     functions = turned.view(btf.channels, btf.pair_count, -1).permute(1, 2, 0)
     return (points @ rotation)[:, :components], functions.contiguous()
+
+
+def coordinate_count(config: FitConfig) -> int:
+    """The number of principal coordinates that some settings ask for, P."""
+    return max(config.cluster.components, SPAN * config.residual.rank)
 
 
 def _weighted(weights: Weights, rows: Tensor, texels: slice) -> Tensor:

@@ -37,6 +37,16 @@ def test_views_are_free_and_broadcasts_take_no_room() -> None:
     assert work.bytes == FLOAT * (6 + 1)
 
 
+def test_sparse_products_count_what_is_stored() -> None:
+    rows = torch.tensor([0, 1, 3], dtype=torch.int32), torch.tensor([0, 1, 2], dtype=torch.int32)
+    matrix = torch.sparse_csr_tensor(*rows, torch.ones(3), (2, 3), check_invariants=False)
+    dense = torch.ones(3, 5)
+    with WorkCounter(work := Work()):
+        matrix @ dense
+    # Three numbers with their columns, three starts of rows, and both dense matrices.
+    assert work == Work(2 * 3 * 5, FLOAT * (3 + 3 + 3 + 3 * 5 + 2 * 5))
+
+
 def test_slopes_are_counted_too() -> None:
     directions = ring_directions(((0.0, 1), (45.0, 4)))
     grid = DirectionGrid.build(directions, directions, torch.device("cpu"))

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from spmm_torch.benchmark.page import write_page
+from spmm_torch.benchmark.page.rates import rate_charts
 from spmm_torch.benchmark.peers.problem import SEARCH, SELECTION, WHOLE
 from tests.report.test_page import Page
 
@@ -40,6 +41,17 @@ def peer(name: str, group: str, snr_db: float | None, note: str = "") -> Results
         "bytes": 1024 if group == WHOLE else None,
         "mean_basis_per_texel": None,
     }
+
+
+def rate(curve: str, size: float, snr_db: float | None, flip: float | None = 0.2) -> Results:
+    facts = {"material": "wool", "curve": curve, "name": "rank <4>", "ours": "ours" in curve}
+    sizes = {"bytes_per_texel": size, "bytes": 4096 * size, "seconds": 2.0}
+    return {**facts, **sizes, "snr_db": snr_db, "flip": flip}
+
+
+def lead(cost: str, quality: str, end: float | None, amount: float | None) -> Results:
+    facts = {"material": "wool", "curve": "local PCA", "cost": cost, "quality": quality}
+    return {**facts, "first": 2048.0, "end": end, "lead": amount}
 
 
 @pytest.fixture
@@ -76,6 +88,20 @@ def results() -> Results:
             ],
             "skipped": [{"peer": "neural BTF", "reason": "it needs another package"}],
         },
+        "rates": {
+            "rows": [
+                rate("ours, relief", 20.0, 9.0),
+                rate("ours, relief", 40.0, 12.0),
+                rate("local PCA", 30.0, 11.0),
+                rate("local PCA", 35.0, 10.0),
+            ],
+            "leads": [
+                lead("bytes", "snr_db", None, 2.0),
+                lead("bytes_per_texel", "flip", 4096.0, 0.05),
+                lead("bytes", "snr_db", 4096.0, None),
+                lead("bytes", "flip", 4096.0, None),
+            ],
+        },
         "weightings": {"rows": [{**FIT, "error": "log", "mssim": {"mean": 0.78}, "flip": None}]},
         "scaling": {
             "rows": [{**growth, **sizes, "seconds": dict.fromkeys(STAGES, 0.02)}],
@@ -110,7 +136,7 @@ def test_the_page_is_escaped_and_self_contained(results: Results, tmp_path: Path
 
 def test_every_part_is_shown(results: Results, tmp_path: Path) -> None:
     text = written(results, tmp_path)
-    assert text.count("<svg") == 4 + 2 + 1 + 2
+    assert text.count("<svg") == 4 + 2 + 4 + 1 + 2
     rows = rows_of(Page(text))
     assert rows["fast"][1:4] == ["2.0 s ± 25 %", "6.90 dB", "–"]
     assert rows["fast"][8] == "seconds, both"
@@ -128,6 +154,7 @@ def test_every_part_is_shown(results: Results, tmp_path: Path) -> None:
     [
         ("sweep", "Our own settings"),
         ("peers", "Other methods"),
+        ("rates", "Bytes against error"),
         ("weightings", "Weighting of errors"),
         ("scaling", "Scaling"),
         ("limits", "Stages against their limits"),
@@ -141,3 +168,30 @@ def test_a_part_that_was_not_measured_is_left_out(
     rest = Page(written(results, tmp_path)).text
     assert heading in whole and heading not in rest
     assert "Run" in rest
+
+
+def test_leads_of_others_are_told(results: Results, tmp_path: Path) -> None:
+    page = Page(written(results, tmp_path))
+    assert "wool, SNR: local PCA is ahead by up to 2.00 dB, from 2.00 kB on." in page.text
+    flip = "wool, FLIP: local PCA is ahead by up to 0.050, from 2,048 to 4,096 bytes a texel."
+    assert flip in page.text
+    alone = "wool: local PCA begins at 2.00 kB, ours at 4.00 kB."
+    assert page.text.count(alone) == 1
+    results["rates"]["leads"] = []
+    assert "Nowhere." in Page(written(results, tmp_path)).text
+
+
+def test_of_others_only_the_front_is_drawn(results: Results) -> None:
+    drawings = [str(chart.drawing) for chart in rate_charts(results["rates"])]
+    assert all("30.0 bytes a texel" in drawing for drawing in drawings)
+    assert not any("35.0 bytes a texel" in drawing for drawing in drawings)
+    assert all("20.0 bytes a texel" in drawing for drawing in drawings)  # of ours all
+
+
+def test_without_flip_there_are_no_plots_of_it(results: Results) -> None:
+    for row in results["rates"]["rows"]:
+        row["flip"] = None
+    assert [chart.title for chart in rate_charts(results["rates"])] == [
+        "wool: SNR in dB over bytes a texel",
+        "wool: SNR in dB over bytes in all",
+    ]

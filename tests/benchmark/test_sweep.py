@@ -58,7 +58,16 @@ def test_float32_takes_more_bytes(
 ) -> None:
     monkeypatch.setattr(sweep, "SHIPPED", (DEFAULT,))
     rows = {row["name"]: row for row in sweep.run(bench, default)["rows"]}
-    assert set(rows) == {DEFAULT, "residual.precision=float32"}
-    sizes = [row["bytes"]["residual"] for row in rows.values()]
-    assert sizes[1] == pytest.approx(2 * sizes[0], rel=0.01)
-    assert rows[DEFAULT]["on_front"]["bytes"]
+    names = [f"storage.weights={kind}" for kind in ("byte", "float32")]
+    assert set(rows) == {DEFAULT, *names}
+    sizes = [rows[name]["bytes"]["weights"] for name in names]
+    assert sizes[1] > sizes[0]
+    assert rows[names[0]]["on_front"]["bytes"]
+
+
+def test_a_higher_rank_needs_coordinates_of_its_own(bench: Bench) -> None:
+    config = on_device(shipped(DEFAULT, bench.scope.overrides), CPU)
+    with SharedStages.open() as shared:
+        for rank in (0, 16, 20):
+            shared.fit(bench, config.override([f"residual.rank={rank}"]))
+        assert len(shared.kept) == 2

@@ -60,15 +60,24 @@ def test_what_is_not_finite_becomes_null() -> None:
     }
 
 
-def test_headlines_print_exponents_and_fractions() -> None:
+def test_headlines_print_leads_exponents_and_fractions() -> None:
     power = {"varies": "texels", "device": "cpu", "threads": 2, "power": {"total": 0.987}}
+    lead = {"material": "wool", "curve": "local PCA", "cost": "bytes_per_texel", "first": 9.0}
     results = {
+        "rates": {
+            "leads": [
+                {**lead, "quality": "snr_db", "lead": 1.25},
+                {**lead, "quality": "snr_db", "lead": None},
+                {**lead, "quality": "flip", "lead": 0.1},
+            ]
+        },
         "scaling": {"exponents": [power, {**power, "power": {"total": None}}]},
         "limits": {
             "rows": [{"stage": "select", "fraction": 0.42}, {"stage": "x", "fraction": None}]
         },
     }
     assert headlines(results) == [
+        "wool: local PCA is ahead by up to 1.25 dB from 9.0 bytes a texel",
         "time grows with texels to the power 0.99 (cpu, 2 threads)",
         "time grows with texels to the power too fast to tell (cpu, 2 threads)",
         "select: 42 % of its limit",
@@ -83,6 +92,7 @@ def test_a_small_benchmark_makes_sense(tmp_path: Path) -> None:
     results = json.loads((folder / "benchmark.json").read_text(encoding="utf-8"))
     check_parts(results)
     check_peers(results["peers"])
+    check_rates(results["rates"])
     check_weightings(results)
     check_monotone(results)
     check_fronts(results["sweep"]["rows"])
@@ -108,6 +118,16 @@ def check_peers(part: Results) -> None:
     assert all(row["seconds"]["median"] > 0.0 for row in part["rows"])
 
 
+def check_rates(part: Results) -> None:
+    """Every method has points, and the costs of ours grow with the rank."""
+    for curve in ("ours, relief", "ours, flat", "local PCA"):
+        rows = [row for row in part["rows"] if row["curve"] == curve]
+        assert len(rows) >= len(SMALL.ranks)
+        assert all(row["flip"] is not None for row in rows)
+    for lead in part["leads"]:
+        assert lead["end"] is None or lead["end"] > lead["first"]
+
+
 def check_weightings(results: Results) -> None:
     """Each weighting is judged by its own pictures."""
     rows = results["weightings"]["rows"]
@@ -129,7 +149,8 @@ def check_monotone(results: Results) -> None:
     # What is counted are the lobes in use, so a lobe more or less is chance.
     merged = [rows[f"dictionary.merge={limit}"]["total_basis"] for limit in (0.95, 0.98, 0.995)]
     assert merged[0] <= merged[1] + 1 and merged[1] <= merged[2] + 1
-    sizes = [rows[name]["bytes"]["total"] for name in ("default", "residual.precision=float32")]
+    names = ("storage.weights=byte", "storage.weights=float32")
+    sizes = [rows[name]["bytes"]["weights"] for name in names]
     assert sizes[0] < sizes[1]
 
 
@@ -149,7 +170,7 @@ def check_fronts(rows: list[Results]) -> None:
 def check_page(page: str, results: Results) -> None:
     """One file that shows all of it."""
     assert not re.search(r"<script|<link|(src|href)=\"(?!data:)|url\(|@import", page)
-    assert page.count("<svg") == 4 + 2 + len(results["scaling"]["exponents"]) + 2
+    assert page.count("<svg") == 4 + 2 + 4 + len(results["scaling"]["exponents"]) + 2
     assert "prefers-color-scheme: dark" in page
     assert all(row["name"] in page for row in results["peers"]["rows"])
     assert all(f">{name}<" in page for name in SHIPPED)

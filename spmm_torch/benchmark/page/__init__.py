@@ -11,6 +11,7 @@ from ...report.html import render_template
 from ...report.views import Chart
 from .limits import limit_charts
 from .peers import GROUPS, peer_charts
+from .rates import lead_lines, rate_charts
 from .scaling import STAGES, scaling_charts
 from .sweep import sweep_charts
 
@@ -18,6 +19,7 @@ Part = Mapping[str, Any]
 CHARTS: dict[str, Callable[[Part], tuple[Chart, ...]]] = {
     "sweep": sweep_charts,
     "peers": peer_charts,
+    "rates": rate_charts,
     "scaling": scaling_charts,
     "limits": limit_charts,
 }
@@ -33,6 +35,7 @@ class BenchmarkPage:
         charts: of each part of the results that has charts.
         groups: heading and note of each group of peers.
         stages: of the fit whose scaling is shown.
+        leads: where peers are ahead of us, one sentence each.
     """
 
     name: str
@@ -40,6 +43,7 @@ class BenchmarkPage:
     charts: Mapping[str, tuple[Chart, ...]]
     groups: Mapping[str, tuple[str, str]]
     stages: tuple[str, ...]
+    leads: tuple[str, ...] = ()
 
 
 def write_page(path: Path, results: Mapping[str, Any]) -> None:
@@ -51,5 +55,6 @@ def write_page(path: Path, results: Mapping[str, Any]) -> None:
     """
     charts = {part: draw(results[part]) for part, draw in CHARTS.items() if part in results}
     name = Path(results["input"]["path"]).stem
-    page = BenchmarkPage(name, results, charts, GROUPS, STAGES)
+    leads = lead_lines(results["rates"]) if "rates" in results else ()
+    page = BenchmarkPage(name, results, charts, GROUPS, STAGES, leads)
     path.write_text(render_template("benchmark.html.j2", page), encoding="utf-8")

@@ -15,6 +15,7 @@ from ..variants import DEFAULT, shipped
 from . import (
     local_pca,
     neural,
+    neural_depth,
     one_lobe,
     own,
     scipy_nnls,
@@ -32,6 +33,7 @@ PEERS: tuple[Peer, ...] = tuple(
         vector_quantization,
         local_pca,
         neural,
+        neural_depth,
         scipy_search,
         scipy_nnls,
         sklearn_lasso,

@@ -56,7 +56,7 @@ def _search(problem: Problem) -> Row:
     texels = problem.some_texels(problem.scope.search_texels)
     own = torch.arange(len(texels))  # one cluster for each texel, to tell their lobes apart
 
-    fit = FitProblem(problem.btf, UNIFORM, config, Context.build(str(problem.device)))
+    fit = FitProblem.build(problem.btf, UNIFORM, config, Context.build(str(problem.device)))
 
     @torch.no_grad()
     def work() -> FoundLobes:

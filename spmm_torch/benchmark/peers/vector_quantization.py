@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from ...config.fit import FitConfig
+from ...data import BTF
 from ...data.error_weights import UNIFORM
 from ...fit.cluster import principal_points
 from ...fit.problem import Problem as FitProblem
@@ -25,13 +26,14 @@ def label_bytes(clusters: int) -> int:
     return 1 if clusters <= 256 else 2
 
 
-def clustered(problem: Problem, count: int) -> torch.Tensor:
+def clustered(btf: BTF, count: int, device: torch.device) -> torch.Tensor:
     """Labels `[T]` on the CPU, by the k-means of our own fit."""
     generator = torch.Generator().manual_seed(0)
     config = FitConfig()
-    fit = FitProblem(problem.btf, UNIFORM, config, Context.build(str(problem.device)))
-    points = principal_points(fit, generator, lambda _: None)
-    return kmeans(points, count, generator, iterations=config.cluster.iterations).labels
+    fit = FitProblem.build(btf, UNIFORM, config, Context.build(str(device)))
+    points, _ = principal_points(fit, generator, lambda _: None)
+    near = points[:, : config.cluster.components]
+    return kmeans(near, count, generator, iterations=config.cluster.iterations).labels
 
 
 def run(problem: Problem) -> list[Row]:
@@ -40,7 +42,7 @@ def run(problem: Problem) -> list[Row]:
 
     @torch.no_grad()
     def work() -> tuple[torch.Tensor, torch.Tensor]:
-        labels = clustered(problem, count).to(values.device)
+        labels = clustered(problem.btf, count, problem.device).to(values.device)
         present = torch.unique(labels).tolist()
         means = torch.stack([values[labels == cluster].mean(0) for cluster in present])
         return labels, means.to(HALF)
