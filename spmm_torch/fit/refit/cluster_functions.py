@@ -17,7 +17,6 @@ from torch.nn.functional import one_hot
 from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
-from ...runtime.sparse import csr_matrix
 from .lookups import Lookups
 from .matrices import channel_matrices
 
@@ -136,13 +135,4 @@ def left_over(
 
 def lobe_values(entries: SparseWeights, rho: Tensor) -> Tensor:
     """Values `[T, L, C]` of the lobes of all texels, given `rho [J, L]` of one view."""
-<<<<<<< HEAD
     return torch.stack([weight @ rho for weight in channel_matrices(entries, len(rho))], dim=-1)
-=======
-    shape = (len(entries.offset) - 1, len(rho))
-    planes = [
-        csr_matrix(entries.offset, entries.index, weight.contiguous(), shape) @ rho
-        for weight in entries.weight.T
-    ]
-    return torch.stack(planes, dim=-1)
->>>>>>> tests1

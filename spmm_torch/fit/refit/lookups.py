@@ -12,11 +12,8 @@ import torch
 from torch import Tensor
 
 from ...geometry.relief import HeightField
-<<<<<<< HEAD
 from ...lobes.ragged import stable_order
-=======
 from ...runtime.sparse import csr_matrix
->>>>>>> tests1
 
 # Pairs of corners of a 2 x 2 block, a before b: corners are in the order of rows.
 CORNER_PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))

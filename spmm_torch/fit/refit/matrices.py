@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ...model.lookup import SparseWeights
+from ...runtime.sparse import csr_matrix
 
 
 def channel_matrices(entries: SparseWeights, lobes: int) -> list[Tensor]:
@@ -17,7 +18,7 @@ def channel_matrices(entries: SparseWeights, lobes: int) -> list[Tensor]:
     """
     offset, index = entries.offset.int(), entries.index.int()
     shape = (len(offset) - 1, lobes)
-    return [_csr(offset, index, weight.contiguous(), shape) for weight in entries.weight.T]
+    return [csr_matrix(offset, index, weight.contiguous(), shape) for weight in entries.weight.T]
 
 
 def joint_matrix(entries: SparseWeights, lobes: int) -> Tensor:
@@ -26,7 +27,7 @@ def joint_matrix(entries: SparseWeights, lobes: int) -> Tensor:
     channel = torch.arange(channels, device=entries.index.device)
     column = (entries.index[:, None] * channels + channel).flatten().int()
     shape = (len(entries.offset) - 1, lobes * channels)
-    return _csr((entries.offset * channels).int(), column, entries.weight.flatten(), shape)
+    return csr_matrix((entries.offset * channels).int(), column, entries.weight.flatten(), shape)
 
 
 def products_at(pattern: Tensor, left: Tensor, right: Tensor) -> Tensor:
@@ -37,9 +38,5 @@ def products_at(pattern: Tensor, left: Tensor, right: Tensor) -> Tensor:
         left, right: factors.
     """
     zeros = torch.zeros_like(pattern.values())
-    bare = _csr(pattern.crow_indices(), pattern.col_indices(), zeros, tuple(pattern.shape))
+    bare = csr_matrix(pattern.crow_indices(), pattern.col_indices(), zeros, pattern.shape)
     return torch.sparse.sampled_addmm(bare, left, right).values()
-
-
-def _csr(rows: Tensor, columns: Tensor, values: Tensor, shape: tuple[int, ...]) -> Tensor:
-    return torch.sparse_csr_tensor(rows, columns, values, shape, check_invariants=False)

@@ -75,17 +75,7 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
         diagonal = torch.nonzero(other == first + entry).squeeze(1)
         own.index_add_(0, other[diagonal], value[part][diagonal])
     size = len(entries.index)
-<<<<<<< HEAD
-    matrix = torch.sparse_csr_tensor(
-        start.int(), column, value, (size, size), check_invariants=False
-    )
-=======
     matrix = csr_matrix(start.int(), column, value, (size, size))
-    entry = torch.repeat_interleave(rows)
-    own = torch.zeros(size, device=count.device)
-    on_diagonal = column == entry
-    own.index_add_(0, entry[on_diagonal], value[on_diagonal])
->>>>>>> tests1
     return NormalMatrix(matrix, own)
 
 

@@ -73,8 +73,9 @@ def project(
     device, channels = rho.device, pictures.channels
     lobes = torch.zeros(len(entries.index), channels, dtype=torch.float64, device=device)
     sums = torch.zeros(2, dtype=torch.float64)
-<<<<<<< HEAD
     member = one_hot(labels.to(device)).float()  # [T, K]
+    if lookups.pixel is not None:
+        member = member * lookups.pixel[:, None]
     pattern = channel_matrices(entries, rho.shape[1])[0]
     for view in ranks.share(torch.arange(lookups.views)).tolist():
         picture = planes(pictures, view, device)  # [C, T, L]
@@ -87,28 +88,10 @@ def project(
         for channel, plane in enumerate(picture):
             lobes[:, channel] += products_at(pattern, gathered @ plane, own)
         advance(ranks.size)
-=======
-    mine = ranks.share(torch.arange(lookups.views)).tolist()
-    size = max(1, READ_BYTES // (4 * pictures.texel_count * rho.shape[2] * channels))
-    for part in slices(len(mine), size):
-        views = mine[part]
-        values = pictures.views(views[0], views[-1] + 1)  # [T, v, L, C]
-        for place, view in enumerate(views):
-            picture = values[:, place].to(device)
-            if scale is not None:
-                picture = picture * scale.view(lookups.views, -1, 1)[view]
-            if lookups.pixel is not None:
-                picture = picture * lookups.pixel[:, None, None]
-            sums += _sums(picture, labels.to(device), lookups.pixel)
-            seen = (lookups.gathered(view) @ picture.flatten(1)).view_as(picture)  # [T, L, C]
-            _add_lobes(lobes, seen, rho[view], entries)
-        advance(len(views) * ranks.size)
->>>>>>> tests1
     energy, means = ranks.sum(sums).tolist()
     return Projections(ranks.sum(lobes), energy, means)
 
 
-<<<<<<< HEAD
 def planes(pictures: BTF, view: int, device: torch.device) -> Tensor:
     """The pictures of one view, channel by channel, `[C, T, L]`."""
     return pictures.views(view, view + 1)[:, 0].to(device).permute(2, 0, 1).contiguous()
@@ -119,23 +102,10 @@ def _sums(picture: Tensor, member: Tensor) -> Tensor:
 
     Args:
         picture: of one view.
-        member: 1 where a texel is in a cluster, `[T, K]`.
+        member: 1 where a texel is in a cluster, `[T, K]`; or the square root of its weight, by
+            which its picture is scaled.
     """
     energy = torch.linalg.vector_norm(picture, dim=2).double().square().sum()
     total = (member.T @ picture).double()  # [C, K, L]
-    means = (total.square() / member.sum(0)[:, None]).sum()
-=======
-def _sums(picture: Tensor, labels: Tensor, pixel: Tensor | None) -> Tensor:
-    """Energy of a picture `[T, L, C]` and of the weighted means of its clusters, `[2]` float64.
-
-    `pixel [T]` are the square roots of the weights, by which the picture is scaled; None: all 1.
-    """
-    energy = torch.linalg.vector_norm(picture, dim=2).double().square().sum()
-    if pixel is None:
-        pixel = picture.new_ones(len(picture))
-    count = torch.bincount(labels, pixel.double().square())
-    scaled = picture * pixel[:, None, None]
-    total = picture.new_zeros(len(count), *picture.shape[1:]).index_add_(0, labels, scaled)
-    means = (total.double().square().flatten(1).sum(1) / count).sum()
->>>>>>> tests1
+    means = (total.square() / member.square().sum(0)[:, None]).sum()
     return torch.stack((energy, means)).cpu()

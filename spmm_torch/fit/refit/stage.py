@@ -294,12 +294,7 @@ class Setup:
                 self.advance,
             ),
         )
-<<<<<<< HEAD
-        return System(lookups, normal, products)
-=======
-        normal = normal_matrix(entries, rho, lookups)
         return System(lookups, normal, products.to(problem.device))
->>>>>>> tests1
 
     def clusters(
         self, entries: SparseWeights, components: RankResidual | None, system: System
