@@ -36,7 +36,7 @@ def test_paper_yaml_is_the_paper() -> None:
     assert (paper.cluster.count, paper.sample.per_cluster) == (32, 8)
     assert paper.search.models == PAPER_MODELS
     assert paper.search.method == paper.select.method == "stagewise"
-    assert paper.dictionary.scope == "cluster"
+    assert (paper.dictionary.scope, paper.dictionary.horizon) == ("cluster", 0.0)
     assert (paper.residual.joint, paper.residual.precision) == (False, "float32")
     assert paper.relief.mode == "off"
 

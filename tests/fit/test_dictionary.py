@@ -45,3 +45,9 @@ def test_atoms_have_unit_norm() -> None:
 def test_cluster_without_lobes_has_no_choice() -> None:
     dictionary = merge_lobes(found(), 3, GRID, DictionaryConfig(scope="cluster"))
     assert len(dictionary.choices[2]) == 0
+
+
+def test_a_checkpoint_keeps_the_horizon() -> None:
+    again = FoundLobes.from_tensors(found().to_tensors())
+    assert again.lobes.horizon == found().lobes.horizon > 0.0
+    assert torch.equal(again.lobes.kappa, found().lobes.kappa)
