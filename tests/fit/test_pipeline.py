@@ -22,6 +22,7 @@ from spmm_torch.runtime.progress import Progress
 from tests.planted.btfs import random_btf, texel_btf
 from tests.planted.lobes import Lobe, lobe_batch
 from tests.planted.models import measured_values
+from tests.planted.settings import FLAT
 
 DIRECTIONS = ring_directions(((0.0, 1), (35.0, 6), (65.0, 12)))
 PALETTES = (
@@ -207,7 +208,8 @@ def test_the_papers_method_ends() -> None:
         stagewise={"eta": 0.2, "lambda_min": 0.2, "max_steps": 20},
         dictionary={"scope": "cluster", "merge": 0.999},
         select={"method": "stagewise"},
-        residual={"joint": False, "precision": "float32"},
+        residual={"rank": 0, "clusters": True, "joint": False, "precision": "float32"},
+        storage={"weights": "float32"},
     )
     btf = noisy(2, 3)
     result = fit(btf, config, render=False)
@@ -231,7 +233,7 @@ def test_lobes_of_a_pilot_serve_the_whole_cluster() -> None:
     """A quarter of the texels choose; the others do nearly as well with the lobes of those."""
     btf = noisy(10, 10)
     whole, piloted = (
-        fit(btf, small(cluster={"count": 1}, select={"pilot": pilot}), render=False)
+        fit(btf, small(**FLAT, cluster={"count": 1}, select={"pilot": pilot}), render=False)
         for pilot in (None, 24)
     )
     assert piloted.report["total_basis"] <= whole.report["total_basis"]

@@ -159,6 +159,7 @@ def test_weights_that_were_not_rounded_are_saved_all_the_same() -> None:
 
 def test_versions_are_as_low_as_they_can_be() -> None:
     plain = planted_model(rings=FEW_RINGS, residual=0.05)
+    plain.horizon = 0.0
     version = {
         "none": plain,
         "components": with_components(plain, 2),

@@ -18,15 +18,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from safetensors.torch import load_file
 
+from spmm_torch import SPMM
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.runtime.ranks import ALONE, Ranks, joined_ranks, local_count, speaks
 from tests.locations import ROOT
+from tests.planted.models import measured_values
+from tests.planted.settings import FLAT_OPTIONS
 
 FILES = ["config.yaml", "log.txt", "model.safetensors", "report.html", "report.json"]
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
 SIDE = 7  # 49 texels: no split of a cluster is even for long
 SIZES = (1, 1, 2, 3, 3, 4, 4, 5, 5, 6, 7, 8)
 OPTIONS = [
+    *FLAT_OPTIONS,
     "--device=cpu",
     f"--set=cluster.count={len(SIZES)}",
     "--set=sample.per_cluster=1",
@@ -38,16 +42,21 @@ OPTIONS = [
     "--set=search.final_steps=2",
     "--no-render",
 ]
+BUMPY_OPTIONS = ["--set=relief.mode=auto", "--set=residual.rank=3"]
 # Relative, as the project promises.
 TOLERANCE = 1e-4
 PATIENCE = 300.0
 # Many blocks of few texels, so that both ranks have some in every pass. With "--fail NAME" as the
-# last arguments rank 0 fails when it keeps that stage, or rank 1 in the third cluster.
+# last arguments rank 0 fails when it keeps that stage, or rank 1 in the third cluster. With
+# "--bumpy" the surface has heights and its views drift.
 FIT = """
 import sys
+import torch
 from spmm_torch.cli.main import main
 from spmm_torch.data import blocks
 from spmm_torch.errors import OutputError
+from spmm_torch.fit import align
+from spmm_torch.fit.relief.estimate import Estimate
 from spmm_torch.fit.select import alternate, clusters
 from spmm_torch.runtime import checkpoint
 
@@ -58,6 +67,12 @@ place = sys.argv.pop() if "--fail" in sys.argv else ""
 if place:
     sys.argv.pop()
 met = []
+if "--bumpy" in sys.argv:
+    sys.argv.remove("--bumpy")
+    generator = torch.Generator().manual_seed(1)
+    height = 0.2 * torch.rand(7, 7, generator=generator)
+    drift = 0.1 * torch.rand(15, 2, generator=generator)
+    align.estimate_relief = lambda *_, **__: Estimate(height, drift)
 
 
 def failing_keep(self, stage, *arguments):
@@ -185,6 +200,18 @@ def run_script(
     )
 
 
+def check_same_values(run: Path, other: Path) -> None:
+    """Labels and lobes are equal, values up to rounding to bytes."""
+    one, two = (SPMM.load(folder) for folder in (run, other))
+    assert torch.equal(one.labels, two.labels)
+    assert torch.equal(one.index, two.index)
+    assert one.components is not None and one.components.rank == two.components.rank
+    heights = [model.relief.height for model in (one, two)]
+    assert torch.equal(*heights) and len(heights[0]) == SIDE * SIDE
+    values = [measured_values(model) for model in (one, two)]
+    assert float((values[0] - values[1]).norm()) < 1e-3 * float(values[0].norm())
+
+
 def check_same_model(run: Path, other: Path) -> None:
     """Labels and lobes are equal, weights up to rounding."""
     one, two = (load_file(folder / "model.safetensors") for folder in (run, other))
@@ -231,6 +258,23 @@ def test_ranks_make_the_model_of_one(source: Path, alone: Path, tmp_path: Path, 
     assert reports[0]["snr_db"] == pytest.approx(reports[1]["snr_db"], abs=1e-3)
     sizes = np.unique(load_file(run / "model.safetensors")["weights.label"], return_counts=True)[1]
     assert sizes.min() < ranks < sizes.max()  # the case of a rank without a texel was there
+
+
+def test_ranks_refit_the_pictures_as_one(source: Path, tmp_path: Path) -> None:
+    """Through a relief, with a residual of rank R and one of clusters, by weight."""
+    random = np.random.default_rng(3)
+    pair = random.random((len(DIRECTIONS), len(DIRECTIONS)))
+    np.savez(tmp_path / "w.npz", pair=pair, texel=random.random((SIDE, SIDE)))
+    options = [*OPTIONS, *BUMPY_OPTIONS, "--weights", str(tmp_path / "w.npz")]
+    runs = [tmp_path / "one", tmp_path / "two"]
+    for ranks, run in enumerate(runs, start=1):
+        arguments = [str(source), "-o", str(run), *options, "--bumpy"]
+        process = run_script(tmp_path, FIT, *arguments, ranks=ranks)
+        assert process.returncode == 0, process.stderr
+    check_same_values(*runs)
+    one, two = (json.loads((run / "report.json").read_text("utf-8")) for run in runs)
+    for key in ("snr_db", "weighted_snr_db"):
+        assert one[key] == pytest.approx(two[key], abs=2e-3)
 
 
 @pytest.mark.slow

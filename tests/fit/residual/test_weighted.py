@@ -164,7 +164,7 @@ def test_texels_without_weight_still_belong_somewhere() -> None:
     texel[1:3] = 1.0
     weights = Weights.build(btf, texel=texel)
     config = FitConfig.from_dict({"cluster": {"count": 6}, "sample": {"per_cluster": 2}})
-    problem = Problem(btf, weights, config, Context.build("cpu"))
+    problem = Problem.build(btf, weights, config, Context.build("cpu"))
     clusters = cluster_texels(problem)
     assert clusters.points.isfinite().all()
     assert len(torch.cat(clusters.members)) == 20

@@ -45,7 +45,7 @@ def search(method: str) -> FoundLobes:
     ]
     btf = planted_texture(truths, DIRECTIONS, "planted")
     settings = {**SETTINGS, "search": {**SETTINGS["search"], "method": method}}
-    problem = Problem(btf, UNIFORM, FitConfig.from_dict(settings), Context.build("cpu"))
+    problem = Problem.build(btf, UNIFORM, FitConfig.from_dict(settings), Context.build("cpu"))
     samples = Samples(torch.arange(SAMPLES), torch.zeros(SAMPLES, dtype=torch.long))
     with torch.no_grad():
         return search_lobes(problem, samples)

@@ -46,7 +46,7 @@ def stage() -> SelectStage:
     choices = [torch.arange(LOBES)] * CLUSTERS
     dictionary = Dictionary(lobes, atoms, norm, choices, raw)
     config = FitConfig.from_dict({"select": {"pilot": 4}})
-    problem = Problem(btf, UNIFORM, config, Context.build("cpu", memory=1 << 30))
+    problem = Problem.build(btf, UNIFORM, config, Context.build("cpu", memory=1 << 30))
     return SelectStage(problem, btf.texels().flatten(1), dictionary, 1 << 30)
 
 
@@ -56,7 +56,9 @@ def fits(stage: SelectStage, spare: int, watch: Stopwatch) -> list[ClusterFit]:
     log = StringIO()
     context = Context.build("cpu", memory=spare, watch=watch, progress=Progress(log, interval=0.0))
     problem = replace(stage.problem, context=context)
-    found = fit_texels(problem, Clusters.of_labels(stage.points, labels), stage.dictionary)
+    functions = torch.zeros(stage.problem.btf.pair_count, stage.points.shape[1], 3)
+    clusters = Clusters.of_labels(stage.points, functions, labels)
+    found = fit_texels(problem, clusters, stage.dictionary)
     assert len(found) == CLUSTERS
     assert "100 % (100 of 100 texels)" in log.getvalue()
     return found
