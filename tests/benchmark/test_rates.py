@@ -97,7 +97,7 @@ def test_seconds_of_shared_stages_are_kept(raised: Bench) -> None:
     fits = _fits(Subject("raised", raised.open().load(), raised), "auto")
     assert [rank for rank, _ in fits] == sorted(RANKS, reverse=True)
     seconds = [result.report["seconds"] for _, result in fits]
-    for stage in ("relief", "cluster", "search"):
+    for stage in ("cluster", "search"):
         assert seconds[1][stage] == pytest.approx(seconds[0][stage]) != 0.0
 
 
@@ -149,7 +149,7 @@ def test_leads_of_a_known_table() -> None:
         point("peer", 10.0, 8.0),
         point("peer", 30.0, 10.5),
         point("peer", 35.0, 11.0),
-        point("peer", 90.0, 13.0),
+        point("peer", 90.0, 13.0),  # 9,000 bytes in all, as our largest
     ]
     spans = [
         (lead["first"], lead["end"], lead["lead"])
@@ -162,7 +162,7 @@ def test_leads_of_a_known_table() -> None:
 
 
 def test_a_large_basis_counts_only_over_all_bytes() -> None:
-    rows = [point("ours", 20.0, 9.0, total=100.0), point("peer", 20.0, 12.0, total=101.0)]
+    rows = [point("ours", 20.0, 9.0, total=100.0), point("peer", 20.0, 12.0, total=126.0)]
     (lead,) = leads_of(rows)
     assert lead["cost"] == "bytes" and lead["lead"] == 3.0
     assert comparable(rows, "bytes") == rows and comparable(rows, "bytes_per_texel") == rows[:1]

@@ -10,14 +10,17 @@ from .subject import COSTS, QUALITIES, Row
 
 # Sign of each quality by which more is better.
 SIGNS = {"snr_db": 1.0, "flip": -1.0}
+# Bytes in all of a point that counts over bytes a texel, in units of those of our largest point:
+# the basis of as many components, and of a mean beside them, is not to be left out.
+ROOM = 1.25
 
 
 def comparable(rows: Sequence[Row], cost: str) -> list[Row]:
     """Points that a plot over some cost shows.
 
     A small texture has so few texels for each component of a cluster that many components can hold
-    it all. Over bytes a texel, points that take more bytes in all than our largest one are left
-    out.
+    it all. Over bytes a texel, points that take `ROOM` times the bytes of our largest one in all
+    are left out.
 
     Args:
         rows: points of one material.
@@ -26,7 +29,7 @@ def comparable(rows: Sequence[Row], cost: str) -> list[Row]:
     if cost == "bytes":
         return list(rows)
     most = max((row["bytes"] for row in rows if row["ours"]), default=0)
-    return [row for row in rows if row["bytes"] <= most]
+    return [row for row in rows if row["bytes"] <= ROOM * most]
 
 
 def leads_of(rows: Sequence[Row]) -> list[dict[str, Any]]:
