@@ -136,7 +136,7 @@ def test_same_seed_same_bytes_and_the_callers_generator_is_left_alone() -> None:
 def test_one_texel() -> None:
     btf = noisy(1, 1)
     told = io.StringIO()
-    result = fit(btf, small(), Context.build("cpu", progress=Progress(told)), render=False)
+    result = fit(btf, small(**FLAT), Context.build("cpu", progress=Progress(told)), render=False)
     check_errors(btf, result)
     assert "cluster.count lowered from 4 to 1, there are only 1 texels" in told.getvalue()
     assert result.report["snr_db"]["with_residual"] > 60.0  # its own mean, in float16
@@ -145,7 +145,7 @@ def test_one_texel() -> None:
 def test_constant_texture() -> None:
     btf = texel_btf(noisy(1, 1).texels().expand(9, -1, -1), DIRECTIONS, height=3)
     told = io.StringIO()
-    result = fit(btf, small(), Context.build("cpu", progress=Progress(told)), render=False)
+    result = fit(btf, small(**FLAT), Context.build("cpu", progress=Progress(told)), render=False)
     check_errors(btf, result)
     assert result.report["clusters"] == 1
     assert "there are too few distinct texels" in told.getvalue()
@@ -221,11 +221,11 @@ def test_the_papers_method_ends() -> None:
 
 def test_block_size_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     btf = noisy(3, 4)
-    whole = fit(btf, small(), render=False).report["snr_db"]
+    whole = fit(btf, small(**FLAT), render=False).report["snr_db"]
     monkeypatch.setattr(blocks, "CPU_BLOCK_VALUES", 2 * btf.pair_count * 3)
     monkeypatch.setattr(alternate, "CPU_TEXELS", 2)
     assert blocks.block_texels(btf, torch.device("cpu")) == 2
-    in_blocks = fit(btf, small(), render=False).report["snr_db"]
+    in_blocks = fit(btf, small(**FLAT), render=False).report["snr_db"]
     assert in_blocks == pytest.approx(whole, abs=1e-3)
 
 

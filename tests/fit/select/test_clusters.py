@@ -24,6 +24,7 @@ from spmm_torch.runtime.progress import Progress
 from spmm_torch.runtime.stopwatch import Stopwatch
 from spmm_torch.runtime.threads import cpu_threads
 from tests.planted.lobes import Lobe, lobe_batch
+from tests.planted.settings import FLAT
 
 CPU = torch.device("cpu")
 CLUSTERS, LOBES = 5, 20
@@ -45,7 +46,7 @@ def stage() -> SelectStage:
     atoms = raw / norm[:, None]
     choices = [torch.arange(LOBES)] * CLUSTERS
     dictionary = Dictionary(lobes, atoms, norm, choices, raw)
-    config = FitConfig.from_dict({"select": {"pilot": 4}})
+    config = FitConfig.from_dict({**FLAT, "select": {"pilot": 4}})
     problem = Problem.build(btf, UNIFORM, config, Context.build("cpu", memory=1 << 30))
     return SelectStage(problem, btf.texels().flatten(1), dictionary, 1 << 30)
 
