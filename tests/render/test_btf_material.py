@@ -145,7 +145,7 @@ def test_model_and_its_table_agree_to_the_interpolation_error(
         found = render(BTFMaterial.build(tabulated(model)), scene, settings).picture
         errors.append(float((found - truth).norm() / truth.norm()))
     assert errors[0] < limit
-    assert errors[1] < 0.6 * errors[0]
+    assert errors[1] < 0.75 * errors[0]
 
 
 def test_missing_pairs_leave_their_share_to_the_others() -> None:

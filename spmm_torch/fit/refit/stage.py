@@ -325,7 +325,13 @@ class Setup:
         components: RankResidual | None,
         clusters: tuple[Tensor, Tensor] | None,
     ) -> Totals:
-        """Squared errors without any weights, over all measured values."""
+        """Squared errors without any weights, over all measured values.
+
+        Args:
+            entries: fit of all texels.
+            components: residual of rank R; None: none.
+            clusters: codes `[K, V, L, C]` and scales `[K]` of theirs; None: none.
+        """
         measured = self.problem.btf.measured
         scale = None if measured is None else measured.to(self.problem.device).float()
         return self.totals(entries, components, clusters, self.lookups(None), scale)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from spmm_torch.fit.refit import normal, projections
+from spmm_torch.fit.refit import normal
 from spmm_torch.fit.refit.normal import normal_matrix
 from spmm_torch.fit.refit.projections import Projections, project
 from spmm_torch.geometry.directions import RULES
@@ -21,8 +21,6 @@ def sample(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> C
         return CASES[request.param]
     monkeypatch.setattr(normal, "PAIR_BLOCK", 7)
     monkeypatch.setattr(normal, "VIEW_BLOCK", 3)
-    monkeypatch.setattr(projections, "READ_BYTES", 1)
-    monkeypatch.setattr(projections, "PRODUCT_VALUES", 40)
     return CASES["weighted"]
 
 

@@ -82,5 +82,6 @@ def test_seconds_are_those_of_a_clock(stage: SelectStage) -> None:
     with watch("total"):
         fits(stage, 1 << 30, watch)
     stages = {name: spent for name, spent in watch.seconds.items() if name != "total"}
-    assert set(stages) == {"select", "refit", "evaluate", "residual"}
+    assert set(stages) <= {"select", "refit", "evaluate", "residual"}
+    assert {"select", "evaluate"} <= set(stages)
     assert 0.0 < sum(stages.values()) <= watch.seconds["total"]
