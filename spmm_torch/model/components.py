@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import torch
@@ -201,13 +202,18 @@ def decode_functions(code: Tensor, scale: Tensor) -> Tensor:
     return code.float() * scale[:, :, None, None]
 
 
-def encode_coefficients(values: Tensor) -> tuple[Tensor, Tensor]:
-    """Coefficients `[T, R]` as signed bytes, and a scale for each component.
+def encode_coefficients(values: Tensor, dtype: torch.dtype = torch.int8) -> tuple[Tensor, Tensor]:
+    """Coefficients as codes of a type, and a scale for each component.
+
+    Args:
+        values: `[T, R]`.
+        dtype: int8 or float16.
 
     Returns:
-        (code `[T, R]` int8, scale `[R]`), values ~ code * scale.
+        (code `[T, R]`, scale `[R]`), values ~ code * scale.
     """
-    code, scale = _encode_bytes(values.T)
+    encode = _encode_bytes if dtype == torch.int8 else partial(encode_residual, dtype=dtype)
+    code, scale = encode(values.T)
     return code.T.contiguous(), scale
 
 

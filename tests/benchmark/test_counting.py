@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import torch
 
-from spmm_torch.runtime.sparse import csr_matrix
 from spmm_torch.benchmark.counting import CountingStopwatch, Work, WorkCounter
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import COORDINATES
 from spmm_torch.lobes.grid import DirectionGrid
+from spmm_torch.runtime.sparse import csr_matrix
 
 FLOAT = 4
 

@@ -19,6 +19,8 @@ from spmm_torch.cli.fit import config_of
 from spmm_torch.cli.main import main, parser
 from spmm_torch.data import sample_path
 from spmm_torch.data.crop import crop_ubo2003
+from spmm_torch.model.components import decode_functions
+from spmm_torch.model.relief import Relief
 from spmm_torch.report import check_report
 from tests.locations import CONFIGS, ROOT
 
@@ -134,10 +136,30 @@ def expanded(model: SPMM, residual: bool) -> Tensor:
     dense = torch.zeros(model.texel_count, len(atoms), 3)  # [T, J, C]
     dense.index_put_((texel, model.index), model.weight, accumulate=True)
     values = torch.einsum("jd,tjc->tdc", atoms, dense)
-    if residual:
+    if residual and len(model.residual.code):
         epsilon = model.residual.code.float() * model.residual.scale[:, None, None, None]
         values = values + epsilon.flatten(1, 2)[model.labels]
-    return values
+    if residual and model.components is not None:
+        functions = decode_functions(model.components.code, model.components.scale).flatten(1, 2)
+        coefficients = model.components.coefficients()
+        values = values + torch.einsum("tr,rdc->tdc", coefficients, functions)
+    return values if model.relief is None else drawn(model, model.relief, values)
+
+
+def drawn(model: SPMM, relief: Relief, values: Tensor) -> Tensor:
+    """What the pictures of all views show of texels `[T, D, C]`, `[T, D, C]`."""
+    field = relief.field(model.height, model.width, model.view)
+    seen = field.footprint(model.view, relief.drift)
+    shown = [
+        (part[texel] * weight[..., None, None]).sum(1)
+        for part, texel, weight in zip(
+            values.unflatten(1, (len(model.view), -1)).unbind(1),
+            seen.texel,
+            seen.weight,
+            strict=True,
+        )
+    ]
+    return torch.stack(shown, dim=1).flatten(1, 2)
 
 
 def snr(values: Tensor, approximation: Tensor) -> float:

@@ -450,14 +450,34 @@ class Turns:
         return found._beside_residual() if problem.config.residual.joint else found
 
     def stored(self, entries: SparseWeights) -> RankResidual:
-        """The residual as a file holds it, beside lobes whose weights were rounded."""
+        """The residual as a file holds it, beside lobes whose weights were rounded.
+
+        Bytes serve unless their rounding shows, as in models that are nearly exact.
+        """
         products = self._products(entries)
-        code, scale = encode_coefficients(self._coefficients(products))
-        stored = decode_coefficients(code, scale)
-        along = 2.0 * products - seen(stored, self._gram, self.system.lookups).double()
-        taken = float((stored.double() * along).sum())
+        found = self._coefficients(products)
         functions = self.setup.filled(self._functions.transpose(0, 1))
-        return RankResidual(*encode_functions(functions, torch.int8), code, scale, taken)
+        taken = self._taken(products, found)
+        room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * self._left(entries, taken)
+        size = found.double().square().sum(0)  # [R]
+        for kind in (torch.int8, torch.float16):
+            code, scale = encode_functions(functions, kind)
+            rounding = (decode_functions(code, scale) - functions).double().square()
+            coefficient = encode_coefficients(found, kind)
+            stored = decode_coefficients(*coefficient)
+            lost = float(size @ rounding.flatten(1).sum(1)) + taken - self._taken(products, stored)
+            if lost <= room:
+                break
+        return RankResidual(code, scale, *coefficient, self._taken(products, stored))
+
+    def _taken(self, products: Tensor, coefficient: Tensor) -> float:
+        """Squared error that coefficients `[T, R]` take away, given products `[T, R]`."""
+        along = 2.0 * products - seen(coefficient, self._gram, self.system.lookups).double()
+        return float((coefficient.double() * along).sum())
+
+    def _left(self, entries: SparseWeights, taken: float) -> float:
+        """Squared error of a fit whose residual takes some away."""
+        return max(self.system.error(entries.weight) - taken, 0.0)
 
     @property
     def _functions(self) -> Tensor:
