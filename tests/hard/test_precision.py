@@ -106,7 +106,7 @@ def test_float16_input_costs_no_more_than_its_rounding() -> None:
     half = fit(noisy(0.05, dtype=torch.float16), CONFIG).report
     assert half["raw_bytes"] == single["raw_bytes"] // 2
     for name in ("without_residual", "with_residual", "cluster_mean"):
-        assert half["snr_db"][name] == pytest.approx(single["snr_db"][name], abs=0.05)
+        assert half["snr_db"][name] > single["snr_db"][name] - 0.05
 
 
 def test_nothing_that_a_process_asks_for_coarsens_a_fit() -> None:
