@@ -57,6 +57,8 @@ TOLERANCE = 1e-4
 # Errors under this share of the energy are computed value by value: the algebra of float32
 # products is right to some 1e-7 of the energy.
 ROUNDING = 1e-4
+# Share of the energy under which this algebra tells no loss, and weights stay as they are.
+FAINT = 1e-6
 
 Advance = Callable[[int], object]
 
@@ -322,7 +324,13 @@ class Setup:
         components: RankResidual | None,
         clusters: tuple[Tensor, Tensor] | None,
     ) -> Totals:
-        """Squared errors without any weights, over all measured values."""
+        """Squared errors without any weights, over all measured values.
+
+        Args:
+            entries: fit of all texels, as stored.
+            components: as stored; None for none.
+            clusters: codes `[K, V, L, C]` and scales `[K]` of their residuals; None for none.
+        """
         measured = self.problem.btf.measured
         scale = None if measured is None else measured.to(self.problem.device).float()
         return self.totals(entries, components, clusters, self.lookups(None), scale)
@@ -509,7 +517,10 @@ def _stored(
     if asked != "auto":
         kind = WEIGHT_TYPES[asked]
         return kind, rounded(entries, kind)
-    before = snr_db(system.products.energy, system.error(entries.weight))
+    error = system.error(entries.weight)
+    if error < FAINT * system.products.energy:
+        return torch.float32, entries
+    before = snr_db(system.products.energy, error)
     for kind in WEIGHT_TYPES.values():
         found = rounded(entries, kind)
         if before - snr_db(system.products.energy, system.error(found.weight)) <= MAX_ROUNDING_DB:
