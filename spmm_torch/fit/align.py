@@ -69,7 +69,7 @@ def align(problem: Problem) -> Problem:
         for line in found.lines:
             context.progress.say(line)
         height = found.height
-        if isinstance(height, float):
+        if height is not None and not isinstance(height, Tensor):
             height = torch.tensor([height])
         _check_reach(height)
         return FoundRelief(

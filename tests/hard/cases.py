@@ -20,11 +20,13 @@ from spmm_torch.geometry.directions import direction_from_angles, direction_pair
 from spmm_torch.metrics import snr_db
 from tests.planted.btfs import texel_btf
 from tests.planted.lobes import Lobe, lobe_batch
+from tests.planted.settings import FLAT
 
 # 31 directions, 20 degrees apart, and five rings of ten that reach the horizon.
 COARSE = ring_directions(((0.0, 1), (20.0, 6), (40.0, 10), (60.0, 14)))
 GRAZING = ring_directions(((0.0, 1), (30.0, 8), (60.0, 8), (80.0, 10), (87.0, 10)))
 QUICK = {
+    **FLAT,
     "cluster": {"count": 4},
     "search": {"max_lobes": 3, "exchanges": 3, "restarts": 4},
     "device": "cpu",

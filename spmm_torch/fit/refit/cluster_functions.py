@@ -65,11 +65,11 @@ class LeftOver:
         return _total(left, scale)
 
     def value_energy(self, scale: Tensor | None) -> float:
-        """Sum of the squares of the pictures, weighted by `scale [D]` as in `error`."""
+        """Sum of the squares of the pictures, with pairs weighted by `scale [D]` squared."""
         return _total(self.value, scale)
 
     def mean_error(self, scale: Tensor | None) -> float:
-        """Squared error of the mean of each cluster, weighted by `scale [D]` as in `error`."""
+        """Squared error of the mean of each cluster, with pairs weighted by `scale [D]` squared."""
         return _total(self.value - self.means, scale)
 
 

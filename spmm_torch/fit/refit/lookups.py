@@ -78,7 +78,12 @@ class Lookups:
         pixel = None if pixel is None else pixel.to(device)
         size = surface.height.shape
         return cls(
-            torch.stack(texels).to(device), torch.stack(weights).to(device), *size, mixed, pixel
+            torch.stack(texels).to(device),
+            torch.stack(weights).to(device),
+            size[0],
+            size[1],
+            mixed,
+            pixel,
         )
 
     def squared(self, view: int, values: Tensor) -> Tensor:

@@ -58,6 +58,8 @@ TOLERANCE = 1e-4
 # Errors under this share of the energy are computed value by value: the algebra of float32
 # products is right to some 1e-7 of the energy.
 ROUNDING = 1e-4
+# Share of the energy under which this algebra tells no loss, and weights stay as they are.
+FAINT = 1e-6
 
 Advance = Callable[[int], object]
 
@@ -215,8 +217,9 @@ def _refit(
         system = setup.system(entries)
         entries, solvers = _weights(system, entries, config.refit.steps)
     turns = Turns.start(setup, system, clusters, entries) if config.residual.rank else None
-    for number in range(config.refit.sweeps if turns else 0):
-        turns = turns.next(number)
+    if turns is not None:
+        for number in range(config.refit.sweeps):
+            turns = turns.next(number)
     with context.watch("refit"):
         entries = turns.entries if turns else entries
         generator = context.generator("rounding")
@@ -328,9 +331,9 @@ class Setup:
         """Squared errors without any weights, over all measured values.
 
         Args:
-            entries: fit of all texels.
-            components: residual of rank R; None: none.
-            clusters: codes `[K, V, L, C]` and scales `[K]` of theirs; None: none.
+            entries: fit of all texels, as stored.
+            components: as stored; None for none.
+            clusters: codes `[K, V, L, C]` and scales `[K]` of their residuals; None for none.
         """
         measured = self.problem.btf.measured
         scale = None if measured is None else measured.to(self.problem.device).float()
@@ -559,10 +562,14 @@ def _stored(
         return rounded_together(entries, kind, system.normal, target, generator)
 
     if asked != "auto":
-        return WEIGHT_TYPES[asked], of(WEIGHT_TYPES[asked])
-    before = snr_db(system.products.energy, system.error(entries.weight))
+        kind = WEIGHT_TYPES[asked]
+        return kind, of(kind)
+    error = system.error(entries.weight)
+    if error < FAINT * system.products.energy:
+        return torch.float32, entries
+    before = snr_db(system.products.energy, error)
     for kind in WEIGHT_TYPES.values():
         found = of(kind)
         if before - snr_db(system.products.energy, system.error(found.weight)) <= MAX_ROUNDING_DB:
-            break
-    return kind, found
+            return kind, found
+    return torch.float32, entries

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 import torch
 
@@ -12,7 +14,7 @@ from spmm_torch.geometry.directions import RULES
 from spmm_torch.runtime.ranks import ALONE
 from tests.fit.refit.refit_cases import CASES, Case, case, silent
 
-CLOSE = {"rtol": 1e-4, "atol": 1e-4}
+CLOSE: dict[str, Any] = {"rtol": 1e-4, "atol": 1e-4}
 
 
 @pytest.fixture(params=[*CASES, "many blocks"])

@@ -26,6 +26,8 @@ from spmm_torch.runtime.checkpoint import Checkpoint
 from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.progress import Stage
 from spmm_torch.solvers.status import StatusCounts
+from tests.planted.btfs import tabulated
+from tests.planted.models import planted_model
 from tests.planted.reliefs import PlantedRelief, planted_relief
 
 SIDE = 9
@@ -260,3 +262,14 @@ def test_the_progress_counts_every_pass_over_the_pictures(
     fit(known, config(*changes), weights=weights, render=False)
     done, total = counts["pictures"]
     assert done == total
+
+
+def test_weights_of_an_exact_fit_stay_exact() -> None:
+    """Loss by rounding cannot be told there by the algebra of float32 products."""
+    lobes = planted_model(6, 1, 1, 2, rings=((0.0, 1), (40.0, 6)), names=("lambertian", "ward"))
+    btf = tabulated(lobes)
+    changes = ["storage.weights=auto", "relief.mode=off", "search.final_steps=40"]
+    result = fit(btf, config(*changes), render=False)
+    check_errors(btf, result)
+    assert result.report["snr_db"]["without_residual"] > 65.0
+    assert result.model.weight_type == torch.float32
