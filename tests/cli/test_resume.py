@@ -28,7 +28,8 @@ from tests.locations import ROOT
 
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
 SIDE, CLUSTERS = 6, 4
-STAGES = ["cluster", "search", *(f"texels-{k:04d}" for k in range(CLUSTERS))]
+TEXELS = [f"texels-{k:04d}" for k in range(CLUSTERS)]
+STAGES = ["relief", "cluster", "search", *TEXELS, "pictures", "sweep-0", "sweep-1"]
 FILES = ["config.yaml", "log.txt", "model.safetensors", "report.html", "report.json"]
 SETTINGS = {
     "cluster.count": CLUSTERS,
@@ -48,7 +49,7 @@ OPTIONS = [
 ]
 # Of the slow test: kills, and the seed of when they come.
 KILLS, SEED = 10, 3
-LARGE_SIDE, MORE_STAGES = 64, 14
+LARGE_SIDE, MORE_STAGES = 64, 18
 MORE_CLUSTERS = ["--set=cluster.count=12", "--set=sample.per_cluster=1"]
 PATIENCE = 300.0
 
@@ -161,7 +162,7 @@ def test_memory_and_cache_may_change_meanwhile(
     source: Path, unbroken: bytes, tmp_path: Path
 ) -> None:
     run = tmp_path / "runs" / "run"
-    stopped(source, run, 2, "--max-memory", "8GB")
+    stopped(source, run, STAGES.index("search") + 1, "--max-memory", "8GB")
     options = ["--resume", "--max-memory", "4GB", "--cache", str(tmp_path / "cache")]
     assert main(["fit", str(source), "-o", str(run), *OPTIONS, *options]) == 0
     check_complete(run, unbroken)
@@ -170,7 +171,7 @@ def test_memory_and_cache_may_change_meanwhile(
 
 def test_report_tells_the_seconds_of_all_processes(source: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    stopped(source, run, 2)
+    stopped(source, run, STAGES.index("search") + 1)
     assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     seconds = json.loads((run / "report.json").read_text(encoding="utf-8"))["seconds"]
     assert seconds["search"] > 0.0
@@ -190,7 +191,7 @@ def test_another_setting_is_refused(
     stopped(source, run, 1)
     error = refused("fit", source, "-o", run, *OPTIONS, *options, "--resume")
     assert error.startswith(f"the unfinished run of {run} has {key} = ")
-    assert state(run) == ["cluster"]
+    assert state(run) == ["relief"]
 
 
 def test_a_finished_run_is_only_named(
@@ -253,7 +254,7 @@ def test_full_disk_in_a_stage(
         )
         assert main(["fit", str(source), "-o", str(run), *OPTIONS]) == 2
     assert "go on with --resume" in capsys.readouterr().err.splitlines()[-1]
-    assert state(run) == ["cluster", "search"]
+    assert state(run) == ["cluster", "relief", "search"]
     assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     check_complete(run, unbroken)
 

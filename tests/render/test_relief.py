@@ -42,7 +42,7 @@ def test_a_raised_plane_is_met_where_rays_cross_it(
     like = torch.zeros((), dtype=torch.float64)
     settings = RenderSettings(size=12, samples=1)
     generator = torch.Generator().manual_seed(0)
-    hits = trace(Scene(shape, camera, (sun,)), settings, slice(0, 144), generator, like)
+    hits = trace(Scene(shape, camera, (sun,)), settings, slice(0, 144), like, generator)
     away = camera.axes[2]  # world axes, towards the camera
     width = 2.0 / repeat  # of one copy of the texture in the world
     higher = hits.position + HEIGHT * width / away[2] * away
