@@ -46,8 +46,9 @@ def sparse_nnls(
     *,
     steps: int,
     tolerance: float,
+    ridge: Tensor | None = None,
 ) -> SparseNNLSResult:
-    """Minimizes 1/2 x^T G x - b^T x over x >= 0 for C right sides b at once.
+    """Minimizes 1/2 x^T (G + diag(ridge)) x - b^T x over x >= 0 for C right sides b at once.
 
     Args:
         gram: G, sparse CSR `[N, N]`, symmetric and positive semi-definite.
@@ -56,12 +57,20 @@ def sparse_nnls(
         start: first x, `[N, C]`, not negative.
         steps: most products with G that steps may take.
         tolerance: largest `violation` of a converged problem.
+        ridge: added to the diagonal of G, `[N]`, not negative; None: 0.
 
     Returns:
         Weights that are never worse than the start.
     """
+    if ridge is not None:
+        diagonal = diagonal + ridge
+
+    def times(vector: Tensor) -> Tensor:
+        product = gram @ vector
+        return product if ridge is None else product + ridge[:, None] * vector
+
     inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]  # [N, 1]
-    x, gradient = start, gram @ start - rhs
+    x, gradient = start, times(start) - rhs
     value = _value(x, gradient, rhs)  # [C]
     length = x.new_ones(x.shape[1])
     step, last, free = torch.zeros_like(x), gradient, torch.zeros_like(x).bool()
@@ -77,13 +86,13 @@ def sparse_nnls(
         step = descent + share * step
         step = torch.where((step * gradient).sum(0) < 0.0, step, descent)
         last, free, squared = gradient, now, -(descent * gradient).sum(0)
-        along = gram @ step
+        along = times(step)
         reach = _ratio(-(step * gradient).sum(0), (step * along).sum(0)) * length * open_
         free_end = x + reach * step
         moved, changed = free_end.clamp(min=0.0), gradient + reach * along
         bounded = (free_end < 0.0).any(0)
         if bool(bounded.any()):
-            changed = torch.where(bounded, gram @ moved - rhs, changed)
+            changed = torch.where(bounded, times(moved) - rhs, changed)
         found = _value(moved, changed, rhs)
         better = found <= value
         x, gradient = torch.where(better, moved, x), torch.where(better, changed, gradient)

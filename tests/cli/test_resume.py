@@ -162,7 +162,7 @@ def test_memory_and_cache_may_change_meanwhile(
     source: Path, unbroken: bytes, tmp_path: Path
 ) -> None:
     run = tmp_path / "runs" / "run"
-    stopped(source, run, 2, "--max-memory", "8GB")
+    stopped(source, run, STAGES.index("search") + 1, "--max-memory", "8GB")
     options = ["--resume", "--max-memory", "4GB", "--cache", str(tmp_path / "cache")]
     assert main(["fit", str(source), "-o", str(run), *OPTIONS, *options]) == 0
     check_complete(run, unbroken)
