@@ -137,7 +137,8 @@ def test_the_report_has_both_errors(unweighted: FitResult, masked: FitResult) ->
 @pytest.mark.parametrize("error", ["cube-root", "log"])
 def test_compressive_errors_move_accuracy_to_dark_pairs(error: str) -> None:
     btf = rough()
-    config = CONFIG.override(["search.exchanges=0", "select.max_lobes=1"])
+    alone = ["residual.rank=0", "residual.clusters=true", "relief.mode=off"]
+    config = CONFIG.override(["search.exchanges=0", "select.max_lobes=1", *alone])
     plain = fit(btf, config, render=False)
     result = fit(btf, config.override([f"weights.error={error}"]), render=False)
     assert result.report["snr_db"]["with_residual"] <= plain.report["snr_db"]["with_residual"]

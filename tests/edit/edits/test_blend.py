@@ -77,7 +77,7 @@ def test_bad_input(model: SPMM, other: SPMM) -> None:
         blend(model, planted_model(rings=((0.0, 1), (20.0, 6), (60.0, 10))), 0.5)
     hard = planted_model(rings=FEW_RINGS)
     hard.horizon = 0.0
-    with pytest.raises(ConfigError, match="fade over 10 and 0 degrees at their horizon"):
+    with pytest.raises(ConfigError, match="fade over 2 and 0 degrees at their horizon"):
         blend(model, hard, 0.5)
     with pytest.raises(ConfigError, match="amount of a blend is 1.5; expected 0 to 1"):
         blend(model, other, 1.5)

@@ -224,7 +224,7 @@ def test_a_run_that_was_stopped_goes_on(
     known: BTF, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, last: str
 ) -> None:
     """It gives the same bytes, and computes nothing again that was kept."""
-    settings = config("residual.clusters=true", "storage.weights=auto")
+    settings = config("residual.clusters=true", "storage.weights=auto", "refit.sweeps=2")
     unbroken = fit(known, settings, render=False).model.pack()
     keep, names = Checkpoint._keep, []
 
