@@ -19,8 +19,6 @@ from spmm_torch.cli.fit import config_of
 from spmm_torch.cli.main import main, parser
 from spmm_torch.data import sample_path
 from spmm_torch.data.crop import crop_ubo2003
-from spmm_torch.model.components import decode_functions
-from spmm_torch.model.relief import Relief
 from spmm_torch.report import check_report
 from tests.locations import CONFIGS, ROOT
 
@@ -129,8 +127,14 @@ def test_report(run: Path, report: dict[str, Any], sample: Path, btf: BTF, model
         assert snr == pytest.approx(report["snr_db"][name] - 10 * math.log10(energy), abs=1e-3)
 
 
-def expanded(model: SPMM, residual: bool) -> Tensor:
-    """The model's values `[T, D, C]` at all measured pairs, straight from what is stored."""
+def expanded(model: SPMM, residual: bool, drift: Tensor | None = None) -> Tensor:
+    """The model's values `[T, D, C]` at all measured pairs, straight from what is stored.
+
+    Args:
+        model: of a fit.
+        residual: whether it has its residual.
+        drift: registration of the pictures of the views, `[V, 2]`; None: 0.
+    """
     atoms = model.dictionary.eval_grid(model.light, model.view)  # [J, D]
     texel = torch.repeat_interleave(model.lobe_count_per_texel())
     dense = torch.zeros(model.texel_count, len(atoms), 3)  # [T, J, C]
@@ -140,26 +144,17 @@ def expanded(model: SPMM, residual: bool) -> Tensor:
         epsilon = model.residual.code.float() * model.residual.scale[:, None, None, None]
         values = values + epsilon.flatten(1, 2)[model.labels]
     if residual and model.components is not None:
-        functions = decode_functions(model.components.code, model.components.scale).flatten(1, 2)
-        coefficients = model.components.coefficients()
-        values = values + torch.einsum("tr,rdc->tdc", coefficients, functions)
-    return values if model.relief is None else drawn(model, model.relief, values)
-
-
-def drawn(model: SPMM, relief: Relief, values: Tensor) -> Tensor:
-    """What the pictures of all views show of texels `[T, D, C]`, `[T, D, C]`."""
-    field = relief.field(model.height, model.width, model.view)
-    seen = field.footprint(model.view, relief.drift)
-    shown = [
-        (part[texel] * weight[..., None, None]).sum(1)
-        for part, texel, weight in zip(
-            values.unflatten(1, (len(model.view), -1)).unbind(1),
-            seen.texel,
-            seen.weight,
-            strict=True,
-        )
-    ]
-    return torch.stack(shown, dim=1).flatten(1, 2)
+        own = model.components
+        functions = own.code.float() * own.scale[..., None, None]
+        share = own.coefficient.float() * own.coefficient_scale
+        values = values + torch.einsum("tr,rdc->tdc", share, functions.flatten(1, 2))
+    if model.relief is None:
+        return values
+    seen = model.relief.field(model.height, model.width, model.view).footprint(model.view, drift)
+    by_view = values.unflatten(1, (len(model.view), -1)).unbind(1)  # [T, L, C] each
+    parts = zip(by_view, seen.texel, seen.weight, strict=True)
+    pictures = [(value[texel] * weight[..., None, None]).sum(1) for value, texel, weight in parts]
+    return torch.cat(pictures, dim=1)
 
 
 def snr(values: Tensor, approximation: Tensor) -> float:
@@ -173,7 +168,8 @@ def test_reported_error_is_the_models(
 ) -> None:
     """Over all texels, pairs and channels, without the algebra that the fit uses."""
     name = "with_residual" if residual else "without_residual"
-    found = snr(btf.texels(), expanded(model, residual))
+    drift = None if model.relief is None else model.relief.drift
+    found = snr(btf.texels(), expanded(model, residual, drift))
     assert report["snr_db"][name] == pytest.approx(found, abs=0.02)
 
 

@@ -38,5 +38,7 @@ def products_at(pattern: Tensor, left: Tensor, right: Tensor) -> Tensor:
         left, right: factors.
     """
     zeros = torch.zeros_like(pattern.values())
-    bare = csr_matrix(pattern.crow_indices(), pattern.col_indices(), zeros, pattern.shape)
+    bare = csr_matrix(
+        pattern.crow_indices(), pattern.col_indices(), zeros, (pattern.shape[0], pattern.shape[1])
+    )
     return torch.sparse.sampled_addmm(bare, left, right).values()
