@@ -67,7 +67,7 @@ def align(problem: Problem) -> Problem:
         for line in found.lines:
             context.progress.say(line)
         height = found.height
-        if isinstance(height, float):
+        if isinstance(height, int | float):
             height = torch.tensor([height])
         return FoundRelief(
             torch.zeros(0) if height is None else height.flatten().cpu(),

@@ -19,7 +19,8 @@ def assemble(problem: Problem, clusters: Clusters, found: Mixtures, refit: Refit
     btf = problem.pictures
     components = None
     if refit.components is not None:
-        components = Components(*(part.cpu() for part in refit.components), btf.light, btf.view)
+        code, scale, coefficient, coefficient_scale = (part.cpu() for part in refit.components)
+        components = Components(code, scale, coefficient, coefficient_scale, btf.light, btf.view)
     empty = torch.zeros(0, len(btf.view), len(btf.light), btf.channels, dtype=torch.float16)
     code, scale = refit.clusters or (empty, torch.zeros(0))
     return SPMM(

@@ -140,7 +140,8 @@ class EnvironmentLight:
         side = math.sqrt(picture.shape[0] * picture.shape[1] / count)
         block, parts = math.ceil(side), max(1, math.floor(1.0 / side))
         picture = picture.repeat_interleave(parts, 0).repeat_interleave(parts, 1)
-        direction, solid_angle = _map_directions(*picture.shape[:2], picture.device)
+        rows, columns = picture.shape[:2]
+        direction, solid_angle = _map_directions(rows, columns, picture.device)
         power = picture * solid_angle[:, None, None]
         if block > 1:
             weight = self.luminance(power)[..., None]

@@ -70,10 +70,9 @@ class Lookups:
             texels.append(texel)
             weights.append(weight if pixel is None else weight * pixel[:, None])
         pixel = None if pixel is None else pixel.to(device)
-        size = field.height.shape
-        return cls(
-            torch.stack(texels).to(device), torch.stack(weights).to(device), *size, mixed, pixel
-        )
+        height, width = field.height.shape
+        texel, weight = torch.stack(texels).to(device), torch.stack(weights).to(device)
+        return cls(texel, weight, height, width, mixed, pixel)
 
     def squared(self, view: int, values: Tensor) -> Tensor:
         """W_v^T W_v times values `[T, R]`."""

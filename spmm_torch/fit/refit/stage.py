@@ -215,8 +215,9 @@ def _refit(
         system = setup.system(entries)
         entries, solvers = _weights(system, entries, config.refit.steps)
     turns = Turns.start(setup, system, clusters, entries) if config.residual.rank else None
-    for number in range(config.refit.sweeps if turns else 0):
-        turns = turns.next(number)
+    if turns is not None:
+        for number in range(config.refit.sweeps):
+            turns = turns.next(number)
     with context.watch("refit"):
         entries = turns.entries if turns else entries
         kind, entries = _stored(config.storage.weights, system, entries)
@@ -493,5 +494,5 @@ def _stored(
     for kind in WEIGHT_TYPES.values():
         found = rounded(entries, kind)
         if before - snr_db(system.products.energy, system.error(found.weight)) <= MAX_ROUNDING_DB:
-            break
-    return kind, found
+            return kind, found
+    return torch.float32, entries
