@@ -49,6 +49,13 @@ class TiledStore:
         """Values `[T, stop - start, C]` float32."""
         return self.base.pairs(start, stop)[self.texel] * self.gain[:, None]
 
+    def strips(
+        self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
+    ) -> Tensor:
+        """Values `[N, L, C]` of texels `[N]`, each under all lights of its view `[N]`."""
+        values = self.base.strips(self.texel[texel], view, lights, device)
+        return values * self.gain[texel].to(device)[:, None]
+
 
 def tiled(btf: BTF, base: Store, count: int) -> BTF:
     """A square of about `count` texels: those of `btf` repeated, no two alike.
