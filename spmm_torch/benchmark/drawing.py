@@ -6,7 +6,6 @@ from collections.abc import Callable
 from functools import lru_cache
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from ..data import BTF
@@ -31,10 +30,7 @@ def through(of_view: OfView, btf: BTF, relief: Relief) -> OfView:
     def seen(view: int) -> Tensor:
         one = slice(view, view + 1)
         drift = None if relief.drift is None else relief.drift[one]
-        found, values = field.footprint(btf.view[one], drift), of_view(view)
-        texel, weight = (part[0].to(values.device) for part in (found.texel, found.weight))
-        mixed = F.embedding_bag(texel, values.flatten(1), mode="sum", per_sample_weights=weight)
-        return mixed.view(values.shape)
+        return field.footprint(btf.view[one], drift).drawn(of_view(view))
 
     return seen
 
@@ -45,7 +41,7 @@ def snr_of_pictures(btf: BTF, of_view: OfView) -> float:
     energy = error = 0.0
     for view in range(len(btf.view)):
         drawn = of_view(view)
-        measured = btf.pictures(view).flatten(1, 2).transpose(0, 1).to(drawn)  # [T, L, C]
+        measured = btf.views(view, view + 1)[:, 0].to(drawn)  # [T, L, C]
         energy += float(measured.square().sum(dtype=torch.float64))
         error += float((measured - drawn).square().sum(dtype=torch.float64))
     return snr_db(energy, error)

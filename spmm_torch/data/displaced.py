@@ -60,8 +60,8 @@ class DisplacedStore:
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str
     ) -> Tensor:
         """Values `[N, L, C]`; see `Store.strips`."""
-        values = self.texels(texel, device).unflatten(1, (-1, lights))
-        return values[torch.arange(len(texel)), view.to(values.device)]
+        pixel = self._pixels(texel)[torch.arange(len(texel)), view]
+        return self.values.strips(pixel, view, lights, device)
 
     def _rows(self, index: Index) -> Tensor:
         """Texels `[n]` of an index."""

@@ -16,7 +16,6 @@ from torch import Tensor
 
 from ..data import BTF
 from ..geometry.directions import direction_pairs
-from ..geometry.relief import HeightField
 from ..model.relief import Relief
 from ..model.spmm import SPMM
 from ..runtime.memory import slices
@@ -138,36 +137,15 @@ def _by_view(
     drift = _drifts(model, relief, btf.view)  # [V, 2]
     texels = slice(0, count)
     for number, view in enumerate(btf.view.to(model.view)):
-        pictures = btf.pictures(number).flatten(1, 2).transpose(0, 1)  # [T, L, C]
-        seen = _Seen.build(field, view, drift[number])
+        pictures = btf.views(number, number + 1)[:, 0]  # [T, L, C]
+        seen = field.footprint(view[None], drift[number, None])
         for some in slices(lights, max(1, block // (count * btf.channels))):
             pairs = slice(number * lights + some.start, number * lights + some.stop)
-            lobes = seen.mix(table.lobes(texels, pairs))
-            whole = lobes + seen.mix(table.residual(texels, pairs))
+            lobes = seen.drawn(table.lobes(texels, pairs))
+            whole = lobes + seen.drawn(table.residual(texels, pairs))
             value = pictures[:, some].to(lobes.device)
             yield Predicted(texels, pairs, value, lobes, whole)
         progress(count * (number + 1) // len(btf.view) - count * number // len(btf.view))
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """The texels that one view sees at each texel: texel and weight `[T, 4]`."""
-
-    texel: Tensor
-    weight: Tensor
-
-    @classmethod
-    def build(cls, field: HeightField, view: Tensor, drift: Tensor) -> _Seen:
-        """Of a view `[3]` whose picture drifts by `drift [2]`."""
-        found = field.footprint(view[None], drift[None])
-        return cls(found.texel[0], found.weight[0])
-
-    def mix(self, values: Tensor) -> Tensor:
-        """Values `[T, d, C]` as the view shows them, given those of the texels `[T, d, C]`."""
-        mixed = F.embedding_bag(
-            self.texel, values.flatten(1), mode="sum", per_sample_weights=self.weight
-        )
-        return mixed.view(values.shape)
 
 
 def _drifts(model: SPMM, relief: Relief, view: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..errors import ConfigError
+from ..geometry.directions import MIRROR, REPEAT
 from ..model.relief import MAX_HEIGHT, Relief
 from .problem import Problem
 from .relief.estimate import estimate_relief
@@ -41,7 +42,7 @@ class FoundRelief:
         if not len(self.height) and not len(self.drift):
             return None
         height = self.height if len(self.height) else torch.zeros(1)
-        rule = "mirror" if bool(self.mirrored) else "repeat"
+        rule = MIRROR if bool(self.mirrored) else REPEAT
         drift = self.drift if len(self.drift) else None
         return Relief.of_heights(height.expand(texels), rule, drift)
 
@@ -75,7 +76,7 @@ def align(problem: Problem) -> Problem:
         return FoundRelief(
             torch.zeros(0) if height is None else height.flatten().cpu(),
             torch.zeros(0, 2) if found.drift is None else -found.drift.cpu(),
-            torch.tensor(found.rule == "mirror"),
+            torch.tensor(found.rule == MIRROR),
         )
 
     def work() -> FoundRelief:

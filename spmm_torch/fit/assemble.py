@@ -19,8 +19,15 @@ def assemble(problem: Problem, clusters: Clusters, found: Mixtures, refit: Refit
     btf = problem.pictures
     components = None
     if refit.components is not None:
-        code, scale, *coefficient = (part.cpu() for part in refit.components)
-        components = Components(code, scale, *coefficient, light=btf.light, view=btf.view)
+        found_parts = refit.components
+        components = Components(
+            found_parts.code.cpu(),
+            found_parts.scale.cpu(),
+            found_parts.coefficient.cpu(),
+            found_parts.coefficient_scale.cpu(),
+            btf.light,
+            btf.view,
+        )
     empty = torch.zeros(0, len(btf.view), len(btf.light), btf.channels, dtype=torch.float16)
     code, scale = refit.clusters or (empty, torch.zeros(0))
     return SPMM(

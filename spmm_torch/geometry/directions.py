@@ -140,7 +140,7 @@ def texel_at(uv: Tensor, height: int, width: int, rule: str = REPEAT) -> tuple[T
     column = uv[..., 0] * width - 0.5
     row = (1.0 - uv[..., 1]) * height - 0.5
     if rule == MIRROR:
-        column, row = _mirrored(column, width), _mirrored(row, height)
+        column, row = mirrored(column, width), mirrored(row, height)
     left, top = torch.floor(column), torch.floor(row)
     right, bottom = column - left, row - top  # weights
     left, top = left.long(), top.long()
@@ -167,7 +167,7 @@ def continued(index: Tensor, count: int, rule: str) -> Tensor:
     return torch.minimum(place, 2 * count - 1 - place)
 
 
-def _mirrored(at: Tensor, count: int) -> Tensor:
+def mirrored(at: Tensor, count: int) -> Tensor:
     """The place `[...]` between the first and last of `count` centres that looks as `at [...]`."""
     edge = torch.remainder(at + 0.5, 2 * count)
     return (torch.minimum(edge, 2 * count - edge) - 0.5).clamp(0.0, count - 1.0)

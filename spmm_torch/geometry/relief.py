@@ -12,6 +12,7 @@ from functools import cached_property
 
 import torch
 from torch import Tensor
+from torch.nn.functional import embedding_bag
 
 from .directions import texel_at
 from .ray_walk import Cells, Rays, first_heights, folded
@@ -33,6 +34,12 @@ class Footprint:
     texel: Tensor
     weight: Tensor
     inside: Tensor
+
+    def drawn(self, values: Tensor, view: int = 0) -> Tensor:
+        """Values of texels `[T, d, C]` as one of the views shows them, `[T, d, C]`."""
+        texel, weight = (part[view].to(values.device) for part in (self.texel, self.weight))
+        mixed = embedding_bag(texel, values.flatten(1), mode="sum", per_sample_weights=weight)
+        return mixed.view(values.shape)
 
 
 @dataclass(frozen=True)

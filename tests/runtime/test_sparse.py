@@ -28,3 +28,11 @@ def test_the_first_one_of_a_process_is_silent() -> None:
         [sys.executable, "-W", "error", "-c", PROGRAM], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_entries_of_any_stride() -> None:
+    """Entries that share memory, as those of one texel may, are read as they look."""
+    column = torch.zeros(1, dtype=torch.int32).expand(4)
+    value = torch.tensor([2.0]).expand(4)
+    matrix = csr_matrix(torch.tensor([0, 4], dtype=torch.int32), column, value, (1, 1))
+    assert float(matrix @ torch.ones(1, 3).sum(1, keepdim=True)) == 24.0

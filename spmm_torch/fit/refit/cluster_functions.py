@@ -18,7 +18,7 @@ from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
-from .matrices import channel_matrices
+from .matrices import channel_matrices, solve_with_ridge
 
 # Ridge relative to the mean diagonal: no pixel may see a cluster at grazing views.
 RIDGE = 1e-6
@@ -44,11 +44,8 @@ class LeftOver:
 
     def functions(self) -> Tensor:
         """The functions of least error, `[K, V, L, C]`."""
-        mean = self.gram.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
-        size = self.gram.shape[1]
-        ridge = RIDGE * mean.clamp(min=torch.finfo(mean.dtype).tiny) * torch.eye(size).to(mean)
-        found = torch.linalg.solve((self.gram + ridge).double(), self.products.flatten(2).double())
-        return found.to(self.products).view_as(self.products).transpose(0, 1)
+        found = solve_with_ridge(self.gram, self.products.flatten(2), RIDGE)
+        return found.view_as(self.products).transpose(0, 1)
 
     def error(self, functions: Tensor | None, scale: Tensor | None) -> float:
         """Squared error that functions leave, with pairs weighted.
@@ -111,8 +108,9 @@ def left_over(
     energy, value_energy, means = torch.zeros(3, views, *shape, dtype=torch.float64, device=device)
     own = member if lookups.pixel is None else member * lookups.pixel[:, None]
     count = own.double().square().sum(0)
+    weights = channel_matrices(entries, rho.shape[1])
     for view in ranks.share(torch.arange(views)).tolist():
-        value = lobe_values(entries, rho[view])  # [T, L, C]
+        value = torch.stack([weight @ rho[view] for weight in weights], dim=-1)  # [T, L, C]
         if components is not None:
             functions, coefficient = components
             value += torch.einsum("tr,rlc->tlc", coefficient, functions[view])
@@ -131,8 +129,3 @@ def left_over(
         advance(ranks.size)
     parts = (products, gram, energy, value_energy, means)
     return LeftOver(*(ranks.sum(part) for part in parts))
-
-
-def lobe_values(entries: SparseWeights, rho: Tensor) -> Tensor:
-    """Values `[T, L, C]` of the lobes of all texels, given `rho [J, L]` of one view."""
-    return torch.stack([weight @ rho for weight in channel_matrices(entries, len(rho))], dim=-1)

@@ -59,32 +59,14 @@ class Lookups:
             importance: weights of the pixels, `[T]`; None: 1.
             device: where the lookups lie.
         """
-        count, mixed = (
-            surface.height.numel(),
-            bool((surface.height != 0.0).any()) or drift is not None,
-        )
-        pixel = None if importance is None else importance.float().sqrt()
-        own = torch.arange(count, dtype=torch.int32)[:, None].expand(count, 4)
-        alone = torch.tensor((1.0, 0.0, 0.0, 0.0)).expand(count, 4)
-        texels, weights = [], []
-        for v in range(len(view)):  # a view has texels enough to fill a device
-            texel, weight = own, alone
-            if mixed:
-                moved = None if drift is None else drift[v : v + 1]
-                found = surface.footprint(view[v : v + 1], moved)
-                texel, weight = found.texel[0].int(), found.weight[0].float()
-            texels.append(texel)
-            weights.append(weight if pixel is None else weight * pixel[:, None])
-        pixel = None if pixel is None else pixel.to(device)
-        size = surface.height.shape
-        return cls(
-            torch.stack(texels).to(device),
-            torch.stack(weights).to(device),
-            size[0],
-            size[1],
-            mixed,
-            pixel,
-        )
+        height, width = surface.height.shape
+        mixed = drift is not None or bool((surface.height != 0.0).any())
+        texel, weight = _seen(surface, view, drift) if mixed else _alone(height * width, len(view))
+        texel, weight = texel.to(device), weight.to(device)
+        if importance is None:
+            return cls(texel, weight, height, width, mixed)
+        pixel = importance.float().sqrt().to(device)
+        return cls(texel, weight * pixel[:, None], height, width, mixed, pixel)
 
     def squared(self, view: int, values: Tensor) -> Tensor:
         """W_v^T W_v times values `[T, R]`."""
@@ -106,6 +88,7 @@ class Lookups:
 
     def gathered(self, view: int) -> Tensor:
         """W_v^T, sparse CSR `[T, T]`: from pixels to texels; kept, as every step needs it."""
+        view = view if self.mixed else 0  # all views of a flat surface show the same
         if view not in self._gathered:
             self._gathered[view] = self._transposed(view)
         return self._gathered[view]
@@ -137,3 +120,20 @@ class Lookups:
                 product = torch.where((down == 0) & (right == 0), 2.0 * product, product)
             table.scatter_add_(1, first * len(HALF) + slot, product)
         return table.view(views, texels, len(HALF))
+
+
+def _seen(surface: HeightField, view: Tensor, drift: Tensor | None) -> tuple[Tensor, Tensor]:
+    """Texels `[V, T, 4]` int32 and weights `[V, T, 4]` of views `[V, 3]` that drift `[V, 2]`."""
+    texels, weights = [], []
+    for v in range(len(view)):  # a view has texels enough to fill a device
+        found = surface.footprint(view[v : v + 1], None if drift is None else drift[v : v + 1])
+        texels.append(found.texel[0].int())
+        weights.append(found.weight[0].float())
+    return torch.stack(texels), torch.stack(weights)
+
+
+def _alone(texels: int, views: int) -> tuple[Tensor, Tensor]:
+    """Texels and weights `[V, T, 4]` of pixels that show their own texel; views share memory."""
+    shape = (views, texels, 4)
+    texel = torch.arange(texels, dtype=torch.int32)[:, None].expand(shape)
+    return texel, torch.tensor((1.0, 0.0, 0.0, 0.0)).expand(shape)

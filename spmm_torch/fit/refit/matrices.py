@@ -18,7 +18,7 @@ def channel_matrices(entries: SparseWeights, lobes: int) -> list[Tensor]:
     """
     offset, index = entries.offset.int(), entries.index.int()
     shape = (len(offset) - 1, lobes)
-    return [csr_matrix(offset, index, weight.contiguous(), shape) for weight in entries.weight.T]
+    return [csr_matrix(offset, index, weight, shape) for weight in entries.weight.T]
 
 
 def joint_matrix(entries: SparseWeights, lobes: int) -> Tensor:
@@ -28,6 +28,20 @@ def joint_matrix(entries: SparseWeights, lobes: int) -> Tensor:
     column = (entries.index[:, None] * channels + channel).flatten().int()
     shape = (len(entries.offset) - 1, lobes * channels)
     return csr_matrix((entries.offset * channels).int(), column, entries.weight.flatten(), shape)
+
+
+def solve_with_ridge(gram: Tensor, rhs: Tensor, ridge: float) -> Tensor:
+    """The solutions `[..., R, N]` of normal equations, in float64.
+
+    Args:
+        gram: `[..., R, R]`.
+        rhs: `[..., R, N]`.
+        ridge: added to the diagonal, relative to its mean.
+    """
+    mean = gram.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None]
+    added = ridge * mean.clamp(min=torch.finfo(mean.dtype).tiny)
+    matrix = gram + added * torch.eye(gram.shape[-1]).to(gram)
+    return torch.linalg.solve(matrix.double(), rhs.double()).to(rhs)
 
 
 def products_at(pattern: Tensor, left: Tensor, right: Tensor) -> Tensor:

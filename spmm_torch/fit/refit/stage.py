@@ -7,65 +7,28 @@ is the residual; errors are exact and of the pictures too.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import torch
 from torch import Tensor
 
 from ...lobes.batch import LobeBatch
-from ...metrics import Totals, snr_db
-from ...model.components import (
-    decode_coefficients,
-    decode_functions,
-    encode_coefficients,
-    encode_functions,
-)
+from ...metrics import Totals
 from ...model.lookup import SparseWeights
-from ...model.residual import decode_residual, encode_residual
-from ...model.stored_weights import WEIGHT_TYPES, by_lobe
-from ...solvers.sparse_nnls import sparse_nnls
-from ...solvers.status import Solver, StatusCounts
+from ...model.stored_weights import by_lobe
+from ...solvers.status import StatusCounts
 from ..cluster import Clusters
 from ..mixtures import Mixtures
 from ..problem import Problem
-from ..residual.missing import MissingPairs
-from ..select.clusters import PRECISIONS, ClusterFit
-from ..select.target import residual_weight
-from .cluster_functions import LeftOver, left_over
-from .components import (
-    coefficients,
-    first_coefficients,
-    gram_by_view,
-    lobe_kernel,
-    seen,
-    seen_by_components,
-    seen_by_lobes,
-)
-from .lookups import Lookups
-from .normal import NormalMatrix, normal_matrix
-from .projections import Projections, project
-from .rounding import rounded_together
-from .sweep import Swept, sweep
-
-# Largest loss by rounding the weights to their stored type: less than any figure shows.
-MAX_ROUNDING_DB = 0.02
-# Largest violation of the optimality conditions of the weights, relative to the largest product.
-TOLERANCE = 1e-4
-# How much weights are held to what they are on aligned values, as a share of the energy of a lobe
-# that all views show: one that is hidden in nearly all views would grow without bounds to follow a
-# trace of it in the others, and stand out where none was measured.
-HELD = 0.01
+from ..select.clusters import ClusterFit
+from .rank_residual import RankResidual
+from .setup import Advance, Setup
+from .system import System, stored_weights
+from .turns import Turns
 
 # Errors under this share of the energy are computed value by value: the algebra of float32
 # products is right to some 1e-7 of the energy.
 ROUNDING = 1e-4
-# Share of the energy under which this algebra tells no loss, and weights stay as they are.
-FAINT = 1e-6
-
-Advance = Callable[[int], object]
 
 
 @dataclass(frozen=True)
@@ -78,8 +41,7 @@ class Refit:
         totals: squared errors over all measured values.
         weighted: the same with the weights of the values; None where these are all 1.
         solvers: problems solved, by solver and status.
-        components: functions as codes `[R, V, L, C]` and scales `[R, V]`, and coefficients as
-            codes `[T, R]` and scales `[R]`; None for none.
+        components: residual of rank R; None for none.
         clusters: residuals as codes `[K, V, L, C]` and scales `[K]`; None for none.
     """
 
@@ -88,87 +50,8 @@ class Refit:
     totals: Totals
     weighted: Totals | None
     solvers: StatusCounts
-    components: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
+    components: RankResidual | None = None
     clusters: tuple[Tensor, Tensor] | None = None
-
-
-@dataclass(frozen=True)
-class System:
-    """The least-squares problem of weights and coefficients, for one weighting of the errors.
-
-    Attributes:
-        lookups: what each pixel shows.
-        normal: normal matrix of the entries.
-        products: of the pictures.
-        aligned: weights fit to aligned values, `[N, C]`.
-        ridge: how much weights are held to these, `[N]`.
-    """
-
-    lookups: Lookups
-    normal: NormalMatrix
-    products: Projections
-    aligned: Tensor
-    ridge: Tensor
-
-    def error(self, weight: Tensor) -> float:
-        """Squared error of the lobes alone with weights `[N, C]`."""
-        product = (self.normal.matrix @ weight).double()
-        value = (weight.double() * (product - 2.0 * self.products.lobes)).sum()
-        return max(self.products.energy + float(value), 0.0)
-
-    def fitted(
-        self, entries: SparseWeights, rhs: Tensor, steps: int
-    ) -> tuple[SparseWeights, StatusCounts]:
-        """The weights of least error for products `rhs [N, C]`, and how their solver ended.
-
-        Those that hardly show in any picture stay near what they are on aligned values.
-        """
-        solved = sparse_nnls(
-            self.normal.matrix,
-            self.normal.diagonal,
-            rhs.float() + self.ridge[:, None] * self.aligned,
-            entries.weight,
-            ridge=self.ridge,
-            steps=steps,
-            tolerance=TOLERANCE,
-        )
-        counts = StatusCounts.of(Solver.SPARSE_NNLS, solved.status)
-        return replace(entries, weight=solved.weights), counts
-
-    def totals(self, weight: Tensor, taken: float) -> Totals:
-        """Squared errors with weights `[N, C]`, of which the residual takes some away."""
-        without, energy = self.error(weight), self.products.energy
-        mean = max(energy - self.products.means, 0.0)
-        return Totals(energy, without, max(without - taken, 0.0), mean)
-
-
-@dataclass(frozen=True)
-class RankResidual:
-    """The residual of rank R as a file holds it, and what it takes off the squared error.
-
-    Attributes:
-        code: of the functions, `[R, V, L, C]`.
-        scale: of the functions, `[R, V]`.
-        coefficient: codes `[T, R]`.
-        coefficient_scale: `[R]`.
-        taken: squared error, by weight.
-    """
-
-    code: Tensor
-    scale: Tensor
-    coefficient: Tensor
-    coefficient_scale: Tensor
-    taken: float
-
-    @property
-    def functions(self) -> Tensor:
-        """B `[V, R, L, C]`."""
-        return decode_functions(self.code, self.scale).transpose(0, 1)
-
-    @property
-    def coefficients(self) -> Tensor:
-        """c `[T, R]`."""
-        return decode_coefficients(self.coefficient, self.coefficient_scale)
 
 
 def refit_pictures(
@@ -236,7 +119,7 @@ def _refit(
         entries = turns.entries if turns else entries
         generator = context.generator("rounding")
         target = system.products.lobes if turns is None else turns.target
-        kind, entries = _stored(config.storage.weights, system, entries, target, generator)
+        kind, entries = stored_weights(config.storage.weights, system, entries, target, generator)
     components, own, taken = None, None, 0.0
     if turns is not None:
         with context.watch("residual"):
@@ -253,296 +136,7 @@ def _refit(
     if not uniform:
         with context.watch("evaluate"):
             totals = setup.plain_totals(entries, components, own)
-    coded = components and (
-        components.code,
-        components.scale,
-        components.coefficient,
-        components.coefficient_scale,
-    )
-    return Refit(entries, kind, totals, None if uniform else weighted, solvers, coded, own)
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What all passes of a refit have in common.
-
-    Attributes:
-        problem: of the fit.
-        lobes: J lobes, on its device.
-        labels: clusters of the texels, `[T]`.
-        advance: called with the number of views done.
-    """
-
-    problem: Problem
-    lobes: LobeBatch
-    labels: Tensor
-    advance: Advance
-
-    @cached_property
-    def rho(self) -> Tensor:
-        """Values of the lobes without weights of pairs, `[V, J, L]`."""
-        values = self.problem.grid().unscaled.eval(self.lobes)
-        views = len(self.problem.btf.view)
-        return values.view(len(values), views, -1).transpose(0, 1).contiguous()
-
-    @cached_property
-    def scale(self) -> Tensor | None:
-        """Square roots of the weights of pairs, `[D]`; None: 1."""
-        return self.problem.weights.scale(self.problem.device)
-
-    def lookups(self, importance: Tensor | None) -> Lookups:
-        """What each pixel shows, with weights of pixels `[T]`; None: 1."""
-        problem = self.problem
-        drift = None if problem.relief is None else problem.relief.drift
-        return Lookups.build(problem.field(), problem.btf.view, drift, importance, problem.device)
-
-    def system(self, entries: SparseWeights) -> System:
-        """The system of the weights, by a pass over the pictures."""
-        problem, rho = self.problem, self.rho
-        if self.scale is not None:
-            rho = rho * self.scale.view(len(rho), 1, -1)
-        lookups = self.lookups(problem.weights.of_texels(slice(None)))
-        normal = normal_matrix(entries, rho, lookups)
-        products = problem.context.once(
-            "pictures",
-            Projections,
-            lambda: project(
-                problem.pictures,
-                self.scale,
-                lookups,
-                entries,
-                rho,
-                self.labels,
-                problem.context.ranks,
-                self.advance,
-            ),
-        )
-        ridge = HELD * rho.square().sum((0, 2))[entries.index]
-        return System(lookups, normal, products.to(problem.device), entries.weight, ridge)
-
-    def clusters(
-        self, entries: SparseWeights, components: RankResidual | None, system: System
-    ) -> tuple[tuple[Tensor, Tensor], float]:
-        """Residuals of the clusters, and what they and the components take off the squared error.
-
-        Returns:
-            ((codes `[K, V, L, C]`, scales `[K]`), squared error by weight).
-        """
-        problem = self.problem
-        left = self._left(entries, components, system.lookups)
-        functions = self.filled(left.functions())
-        code, scale = encode_residual(functions, PRECISIONS[problem.config.residual.precision])
-        error = left.error(decode_residual(code, scale), self.scale)
-        return (code.cpu(), scale.cpu()), system.error(entries.weight) - error
-
-    def plain_totals(
-        self,
-        entries: SparseWeights,
-        components: RankResidual | None,
-        clusters: tuple[Tensor, Tensor] | None,
-    ) -> Totals:
-        """Squared errors without any weights, over all measured values.
-
-        Args:
-            entries: fit of all texels, as stored.
-            components: as stored; None for none.
-            clusters: codes `[K, V, L, C]` and scales `[K]` of their residuals; None for none.
-        """
-        measured = self.problem.btf.measured
-        scale = None if measured is None else measured.to(self.problem.device).float()
-        return self.totals(entries, components, clusters, self.lookups(None), scale)
-
-    def totals(
-        self,
-        entries: SparseWeights,
-        components: RankResidual | None,
-        clusters: tuple[Tensor, Tensor] | None,
-        lookups: Lookups,
-        scale: Tensor | None,
-    ) -> Totals:
-        """Exact squared errors, by a pass over the pictures or two.
-
-        Args:
-            entries: fit of all texels, as stored.
-            components, clusters: residuals as stored; None for none.
-            lookups: what each pixel shows, with the weights of pixels.
-            scale: square roots of the weights of pairs, `[D]`; None: 1.
-        """
-        alone = self._left(entries, None, lookups)
-        without = whole = alone.error(None, scale)
-        if components is not None or clusters is not None:
-            left = self._left(entries, components, lookups)
-            own = None
-            if clusters is not None:
-                own = decode_residual(*clusters).to(self.problem.device)
-            whole = left.error(own, scale)
-        return Totals(alone.value_energy(scale), without, whole, alone.mean_error(scale))
-
-    def _left(
-        self, entries: SparseWeights, components: RankResidual | None, lookups: Lookups
-    ) -> LeftOver:
-        """What lobes and components leave of the pictures."""
-        own = None if components is None else (components.functions, components.coefficients)
-        return left_over(
-            self.problem.pictures,
-            lookups,
-            entries,
-            self.rho,
-            self.labels,
-            self.problem.context.ranks,
-            self.advance,
-            components=own,
-        )
-
-    def filled(self, functions: Tensor) -> Tensor:
-        """Functions `[R, V, L, C]` with their values at missing pairs interpolated."""
-        btf = self.problem.btf
-        gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
-        if gaps is None:
-            return functions
-        rows = functions.flatten(1, 2).transpose(0, 1)  # [D, R, C]
-        filled = gaps.filled(rows.flatten(1)).view(rows.shape)
-        return filled.transpose(0, 1).reshape(functions.shape)
-
-
-@dataclass(frozen=True)
-class Turns:
-    """Functions and coefficients of the residual, and weights of the lobes, fit in turn.
-
-    Attributes:
-        setup, system: of the refit.
-        entries: fit of all texels.
-        coefficient: c, `[T, R]`.
-        target: products that the weights are fit to, `[N, C]` float64.
-        swept: functions for earlier coefficients; None before the first turn.
-        fitted: whether the coefficients are of these functions.
-    """
-
-    setup: Setup
-    system: System
-    entries: SparseWeights
-    coefficient: Tensor
-    target: Tensor
-    swept: Swept | None = None
-    fitted: bool = False
-
-    @classmethod
-    def start(
-        cls, setup: Setup, system: System, clusters: Clusters, entries: SparseWeights
-    ) -> Turns:
-        """Coefficients from the principal coordinates of what the lobes leave."""
-        problem = setup.problem
-        with problem.context.watch("residual"):
-            first = first_coefficients(
-                clusters.points.to(problem.device),
-                clusters.functions.to(problem.device),
-                entries,
-                problem.grid().eval(setup.lobes),
-                problem.config.residual.rank,
-            )
-        return cls(setup, system, entries, first, system.products.lobes)
-
-    def next(self, number: int) -> Turns:
-        """The state after another turn, by a pass over the pictures."""
-        problem, lookups = self.setup.problem, self.system.lookups
-        with problem.context.watch("residual"):
-            swept = problem.context.once(
-                f"sweep-{number}",
-                Swept,
-                lambda: sweep(
-                    problem.pictures,
-                    self.setup.scale,
-                    lookups,
-                    self.entries,
-                    self.setup.rho,
-                    self.coefficient,
-                    problem.context.ranks,
-                    self.setup.advance,
-                ),
-            )
-            swept = swept.to(problem.device)
-            found = replace(self, swept=swept)
-            found = replace(found, coefficient=found._coefficients(swept.products), fitted=True)
-        return found._beside_residual() if problem.config.residual.joint else found
-
-    def stored(self, entries: SparseWeights) -> RankResidual:
-        """The residual as a file holds it, beside lobes whose weights were rounded.
-
-        Bytes serve unless their rounding shows, as in models that are nearly exact.
-        """
-        products = self._products(entries)
-        found = self._coefficients(products)
-        functions = self.setup.filled(self._functions.transpose(0, 1))
-        taken = self._taken(products, found)
-        room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * self._left(entries, taken)
-        size = found.double().square().sum(0)  # [R]
-        for kind in (torch.int8, torch.float16):
-            code, scale = encode_functions(functions, kind)
-            rounding = (decode_functions(code, scale) - functions).double().square()
-            coefficient = encode_coefficients(found, kind)
-            stored = decode_coefficients(*coefficient)
-            lost = float(size @ rounding.flatten(1).sum(1)) + taken - self._taken(products, stored)
-            if lost <= room:
-                break
-        return RankResidual(code, scale, *coefficient, self._taken(products, stored))
-
-    def _taken(self, products: Tensor, coefficient: Tensor) -> float:
-        """Squared error that coefficients `[T, R]` take away, given products `[T, R]`."""
-        along = 2.0 * products - seen(coefficient, self._gram, self.system.lookups).double()
-        return float((coefficient.double() * along).sum())
-
-    def _left(self, entries: SparseWeights, taken: float) -> float:
-        """Squared error of a fit whose residual takes some away."""
-        return max(self.system.error(entries.weight) - taken, 0.0)
-
-    @property
-    def _functions(self) -> Tensor:
-        """B without the weights of pairs, `[V, R, L, C]`."""
-        assert self.swept is not None
-        return self.swept.functions
-
-    @cached_property
-    def _gram(self) -> Tensor:
-        return gram_by_view(self._functions, self.setup.scale)
-
-    @cached_property
-    def _kernel(self) -> Tensor:
-        return lobe_kernel(self._functions, self.setup.rho, self.setup.scale)
-
-    def _coefficients(self, products: Tensor) -> Tensor:
-        """The coefficients of least error, `[T, R]`, given products with what the lobes leave."""
-        steps = self.setup.problem.config.refit.steps
-        start = self.coefficient if self.fitted else None
-        return coefficients(products, self._gram, self.system.lookups, steps, start)
-
-    def _products(self, entries: SparseWeights) -> Tensor:
-        """Products `[T, R]` of the functions with what the lobes of `entries` leave."""
-        assert self.swept is not None
-        change = replace(entries, weight=entries.weight - self.entries.weight)
-        return self.swept.products - seen_by_components(change, self._kernel, self.system.lookups)
-
-    def _beside_residual(self) -> Turns:
-        """Weights and coefficients fit for the errors without and with the residual together.
-
-        Weights that are fit to Y - w R minimize (1 - w) ||Y - L||^2 + w ||Y - L - R||^2.
-        """
-        system, context = self.system, self.setup.problem.context
-        with context.watch("refit"):
-            assert self.swept is not None
-            without = system.error(self.entries.weight)
-            own = self.coefficient
-            along = 2.0 * self.swept.products - seen(own, self._gram, system.lookups).double()
-            taken = float((own.double() * along).sum())
-            share = residual_weight(without, taken, math.inf)
-            shown = seen_by_lobes(own, self._kernel, system.lookups, self.entries)
-            steps = self.setup.problem.config.refit.steps
-            target = system.products.lobes - share * shown
-            entries = system.fitted(self.entries, target, steps)[0]
-        with context.watch("residual"):
-            products = self._products(entries)
-            found = replace(self, coefficient=self._coefficients(products))
-            swept = replace(self.swept, products=products)
-            return replace(found, entries=entries, swept=swept, target=target)
+    return Refit(entries, kind, totals, None if uniform else weighted, solvers, components, own)
 
 
 def _weights(
@@ -552,37 +146,3 @@ def _weights(
     if not system.lookups.mixed:  # each texel is alone, and its weights are best already
         return entries, StatusCounts.none()
     return system.fitted(entries, system.products.lobes, steps)
-
-
-def _stored(
-    asked: str,
-    system: System,
-    entries: SparseWeights,
-    target: Tensor,
-    generator: torch.Generator,
-) -> tuple[torch.dtype, SparseWeights]:
-    """The number type of the weights in the file, and the entries as it holds them.
-
-    Args:
-        asked: `storage.weights`.
-        system: of the refit.
-        entries: fit of all texels.
-        target: products that the weights were fit to, `[N, C]`.
-        generator: of the rounding.
-    """
-
-    def of(kind: torch.dtype) -> SparseWeights:
-        return rounded_together(entries, kind, system.normal, target, generator)
-
-    if asked != "auto":
-        kind = WEIGHT_TYPES[asked]
-        return kind, of(kind)
-    error = system.error(entries.weight)
-    if error < FAINT * system.products.energy:
-        return torch.float32, entries
-    before = snr_db(system.products.energy, error)
-    for kind in WEIGHT_TYPES.values():
-        found = of(kind)
-        if before - snr_db(system.products.energy, system.error(found.weight)) <= MAX_ROUNDING_DB:
-            return kind, found
-    return torch.float32, entries

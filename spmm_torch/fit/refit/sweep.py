@@ -17,7 +17,7 @@ from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
-from .matrices import channel_matrices
+from .matrices import channel_matrices, solve_with_ridge
 from .projections import planes
 
 # Ridge relative to the mean diagonal: views that show little leave functions undetermined.
@@ -86,17 +86,10 @@ def sweep(
         for plane, weight in zip(picture, weights, strict=True):
             plane -= drawn @ (weight @ rho[view])  # what the lobes leave
         seen = drawn @ coefficient  # [T, R]
-        found = _solved(seen.T @ seen, seen.T @ picture)  # [C, R, L]
+        found = solve_with_ridge(seen.T @ seen, seen.T @ picture, RIDGE)  # [C, R, L]
         functions[view] = found.permute(1, 2, 0)
         if scale is not None:
             found = found * scale.view(-1, lights)[view].square()
         products += lookups.gathered(view) @ (picture @ found.transpose(1, 2)).sum(0)
         advance(ranks.size)
     return Swept(ranks.sum(functions), ranks.sum(products))
-
-
-def _solved(gram: Tensor, rhs: Tensor) -> Tensor:
-    """The solutions `[C, R, N]` of normal equations `[R, R]`, with a ridge."""
-    ridge = RIDGE * gram.diagonal().mean().clamp(min=torch.finfo(gram.dtype).tiny)
-    matrix = gram + ridge * torch.eye(len(gram)).to(gram)
-    return torch.linalg.solve(matrix.double(), rhs.double()).to(rhs)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ...geometry.directions import MIRROR, REPEAT
+from ...geometry.directions import MIRROR, REPEAT, mirrored
 from .pictures import PictureStack
 from .resample import centres, resampled, within
 
@@ -50,8 +50,8 @@ def continuation(stack: PictureStack, height: Tensor) -> str:
     for view in range(len(stack.values)):
         column, row = _shown(stack, view, height)
         outside = ~within(column, row, rows, columns) * stack.weight[view][:, None, None]
-        mirrored = _folded(column, columns), _folded(row, rows)
-        for rule, (place, repeats) in enumerate((((column, row), True), (mirrored, False))):
+        folded = mirrored(column, columns), mirrored(row, rows)
+        for rule, (place, repeats) in enumerate((((column, row), True), (folded, False))):
             expected = resampled(reference, place[0][None], place[1][None], repeats)[0]
             errors[rule] += (outside * (stack.values[view] - expected).square()).sum()
     return MIRROR if errors[1] < errors[0] else REPEAT
@@ -76,12 +76,6 @@ def _shown(stack: PictureStack, view: int, height: Tensor) -> tuple[Tensor, Tens
         here = resampled(height[None], at[None], down[None], repeats=False)[0, 0]
         at, down = column + here * slope[0] - drift[0], row + here * slope[1] - drift[1]
     return at, down
-
-
-def _folded(place: Tensor, count: int) -> Tensor:
-    """Places `[...]` along an axis of `count` texels, mirrored into it."""
-    edge = torch.remainder(place + 0.5, 2 * count)
-    return torch.minimum(edge, 2 * count - edge) - 0.5
 
 
 def _has_seam(pictures: Tensor) -> bool:

@@ -7,7 +7,7 @@ import torch
 from spmm_torch.fit.refit.lookups import Lookups
 from spmm_torch.fit.refit.normal import NormalMatrix
 from spmm_torch.fit.refit.projections import Projections
-from spmm_torch.fit.refit.stage import HELD, System
+from spmm_torch.fit.refit.system import HELD, System
 from spmm_torch.model.lookup import SparseWeights
 
 

@@ -1,0 +1,114 @@
+"""The least-squares problem of the weights of all lobes, and the weights as a file holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ...metrics import Totals, snr_db
+from ...model.lookup import SparseWeights
+from ...model.stored_weights import WEIGHT_TYPES
+from ...solvers.sparse_nnls import sparse_nnls
+from ...solvers.status import Solver, StatusCounts
+from .lookups import Lookups
+from .normal import NormalMatrix
+from .projections import Projections
+from .rounding import rounded_together
+
+# Largest loss by rounding to the stored type: less than any figure shows.
+MAX_ROUNDING_DB = 0.02
+# Largest violation of the optimality conditions of the weights, relative to the largest product.
+TOLERANCE = 1e-4
+# How much weights are held to what they are on aligned values, as a share of the energy of a lobe
+# that all views show: one that is hidden in nearly all views would grow without bounds to follow a
+# trace of it in the others, and stand out where none was measured.
+HELD = 0.01
+# Share of the energy under which the algebra of products tells no loss, and weights stay as they
+# are.
+FAINT = 1e-6
+
+
+@dataclass(frozen=True)
+class System:
+    """The least-squares problem of weights and coefficients, for one weighting of the errors.
+
+    Attributes:
+        lookups: what each pixel shows.
+        normal: normal matrix of the entries.
+        products: of the pictures.
+        aligned: weights fit to aligned values, `[N, C]`.
+        ridge: how much weights are held to these, `[N]`.
+    """
+
+    lookups: Lookups
+    normal: NormalMatrix
+    products: Projections
+    aligned: Tensor
+    ridge: Tensor
+
+    def error(self, weight: Tensor) -> float:
+        """Squared error of the lobes alone with weights `[N, C]`."""
+        product = (self.normal.matrix @ weight).double()
+        value = (weight.double() * (product - 2.0 * self.products.lobes)).sum()
+        return max(self.products.energy + float(value), 0.0)
+
+    def fitted(
+        self, entries: SparseWeights, rhs: Tensor, steps: int
+    ) -> tuple[SparseWeights, StatusCounts]:
+        """The weights of least error for products `rhs [N, C]`, and how their solver ended.
+
+        Those that hardly show in any picture stay near what they are on aligned values.
+        """
+        solved = sparse_nnls(
+            self.normal.matrix,
+            self.normal.diagonal,
+            rhs.float() + self.ridge[:, None] * self.aligned,
+            entries.weight,
+            ridge=self.ridge,
+            steps=steps,
+            tolerance=TOLERANCE,
+        )
+        counts = StatusCounts.of(Solver.SPARSE_NNLS, solved.status)
+        return replace(entries, weight=solved.weights), counts
+
+    def totals(self, weight: Tensor, taken: float) -> Totals:
+        """Squared errors with weights `[N, C]`, of which the residual takes some away."""
+        without, energy = self.error(weight), self.products.energy
+        mean = max(energy - self.products.means, 0.0)
+        return Totals(energy, without, max(without - taken, 0.0), mean)
+
+
+def stored_weights(
+    asked: str,
+    system: System,
+    entries: SparseWeights,
+    target: Tensor,
+    generator: torch.Generator,
+) -> tuple[torch.dtype, SparseWeights]:
+    """The number type of the weights in the file, and the entries as it holds them.
+
+    Args:
+        asked: `storage.weights`.
+        system: of the refit.
+        entries: fit of all texels.
+        target: products that the weights were fit to, `[N, C]`.
+        generator: of the rounding.
+    """
+
+    def of(kind: torch.dtype) -> SparseWeights:
+        return rounded_together(entries, kind, system.normal, target, generator)
+
+    if asked != "auto":
+        kind = WEIGHT_TYPES[asked]
+        return kind, of(kind)
+    error = system.error(entries.weight)
+    if error < FAINT * system.products.energy:
+        return torch.float32, entries
+    before = snr_db(system.products.energy, error)
+    for kind in WEIGHT_TYPES.values():
+        found = of(kind)
+        if before - snr_db(system.products.energy, system.error(found.weight)) <= MAX_ROUNDING_DB:
+            return kind, found
+    return torch.float32, entries

@@ -1,0 +1,168 @@
+"""Residual of rank R and weights of the lobes, fit in turn."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from torch import Tensor
+
+from ...model.components import (
+    decode_coefficients,
+    decode_functions,
+    encode_coefficients,
+    encode_functions,
+)
+from ...model.lookup import SparseWeights
+from ..cluster import Clusters
+from ..select.target import residual_weight
+from .components import (
+    coefficients,
+    first_coefficients,
+    gram_by_view,
+    lobe_kernel,
+    seen,
+    seen_by_components,
+    seen_by_lobes,
+)
+from .rank_residual import RankResidual
+from .setup import Setup
+from .sweep import Swept, sweep
+from .system import MAX_ROUNDING_DB, System
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Functions and coefficients of the residual, and weights of the lobes, fit in turn.
+
+    Attributes:
+        setup, system: of the refit.
+        entries: fit of all texels.
+        coefficient: c, `[T, R]`.
+        target: products that the weights are fit to, `[N, C]` float64.
+        swept: functions of the last turn; None before the first.
+    """
+
+    setup: Setup
+    system: System
+    entries: SparseWeights
+    coefficient: Tensor
+    target: Tensor
+    swept: Swept | None = None
+
+    @classmethod
+    def start(
+        cls, setup: Setup, system: System, clusters: Clusters, entries: SparseWeights
+    ) -> Turns:
+        """Coefficients from the principal coordinates of what the lobes leave."""
+        problem = setup.problem
+        with problem.context.watch("residual"):
+            first = first_coefficients(
+                clusters.points.to(problem.device),
+                clusters.functions.to(problem.device),
+                entries,
+                setup.scaled_rho.transpose(0, 1).flatten(1),
+                problem.config.residual.rank,
+            )
+        return cls(setup, system, entries, first, system.products.lobes)
+
+    def next(self, number: int) -> Turns:
+        """The state after another turn, by a pass over the pictures."""
+        problem, lookups = self.setup.problem, self.system.lookups
+        with problem.context.watch("residual"):
+            swept = problem.context.once(
+                f"sweep-{number}",
+                Swept,
+                lambda: sweep(
+                    problem.pictures,
+                    self.setup.scale,
+                    lookups,
+                    self.entries,
+                    self.setup.rho,
+                    self.coefficient,
+                    problem.context.ranks,
+                    self.setup.advance,
+                ),
+            )
+            found = replace(self, swept=swept.to(problem.device))
+            start = None if self.swept is None else self.coefficient
+            found = replace(found, coefficient=found._coefficients(found._swept.products, start))
+        return found._beside_residual() if problem.config.residual.joint else found
+
+    def stored(self, entries: SparseWeights) -> RankResidual:
+        """The residual as a file holds it, beside lobes whose weights were rounded.
+
+        Bytes serve unless their rounding shows, as in models that are nearly exact.
+        """
+        products = self._products(entries)
+        found = self._coefficients(products, self.coefficient)
+        functions = self.setup.filled(self._swept.functions.transpose(0, 1))
+        taken = self._taken(products, found)
+        left = max(self.system.error(entries.weight) - taken, 0.0)
+        room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * left
+        size = found.double().square().sum(0)  # [R]
+        for kind in (torch.int8, torch.float16):
+            code, scale = encode_functions(functions, kind)
+            rounding = (decode_functions(code, scale) - functions).double().square()
+            coefficient = encode_coefficients(found, kind)
+            stored = decode_coefficients(*coefficient)
+            lost = float(size @ rounding.flatten(1).sum(1)) + taken - self._taken(products, stored)
+            if lost <= room:
+                break
+        return RankResidual(code, scale, *coefficient, self._taken(products, stored))
+
+    def _taken(self, products: Tensor, coefficient: Tensor) -> float:
+        """Squared error that coefficients `[T, R]` take away, given products `[T, R]`."""
+        along = 2.0 * products - seen(coefficient, self._gram, self.system.lookups).double()
+        return float((coefficient.double() * along).sum())
+
+    @property
+    def _swept(self) -> Swept:
+        """The functions of the last turn, of which there was one."""
+        assert self.swept is not None
+        return self.swept
+
+    @cached_property
+    def _gram(self) -> Tensor:
+        return gram_by_view(self._swept.functions, self.setup.scale)
+
+    @cached_property
+    def _kernel(self) -> Tensor:
+        return lobe_kernel(self._swept.functions, self.setup.rho, self.setup.scale)
+
+    def _coefficients(self, products: Tensor, start: Tensor | None) -> Tensor:
+        """The coefficients of least error, `[T, R]`.
+
+        Args:
+            products: of the functions with what the lobes leave, `[T, R]`.
+            start: first coefficients, `[T, R]`; None: zeros.
+        """
+        steps = self.setup.problem.config.refit.steps
+        return coefficients(products, self._gram, self.system.lookups, steps, start)
+
+    def _products(self, entries: SparseWeights) -> Tensor:
+        """Products `[T, R]` of the functions with what the lobes of `entries` leave."""
+        change = replace(entries, weight=entries.weight - self.entries.weight)
+        return self._swept.products - seen_by_components(change, self._kernel, self.system.lookups)
+
+    def _beside_residual(self) -> Turns:
+        """Weights and coefficients fit for the errors without and with the residual together.
+
+        Weights that are fit to Y - w R minimize (1 - w) ||Y - L||^2 + w ||Y - L - R||^2.
+        """
+        system, context = self.system, self.setup.problem.context
+        with context.watch("refit"):
+            without = system.error(self.entries.weight)
+            taken = self._taken(self._swept.products, self.coefficient)
+            share = residual_weight(without, taken, math.inf)
+            shown = seen_by_lobes(self.coefficient, self._kernel, system.lookups, self.entries)
+            steps = self.setup.problem.config.refit.steps
+            target = system.products.lobes - share * shown
+            entries = system.fitted(self.entries, target, steps)[0]
+        with context.watch("residual"):
+            products = self._products(entries)
+            found = self._coefficients(products, self.coefficient)
+            swept = replace(self._swept, products=products)
+            return replace(self, entries=entries, coefficient=found, swept=swept, target=target)
