@@ -19,8 +19,8 @@ def csr_matrix(offset: Tensor, column: Tensor, value: Tensor, shape: tuple[int, 
         shape: M and N.
     """
     _take_notice()
-    parts = (part.contiguous() for part in (offset, column, value))  # MKL reads no strides
-    return torch.sparse_csr_tensor(*parts, shape, check_invariants=False)
+    offset, column, value = offset.contiguous(), column.contiguous(), value.contiguous()  # for MKL
+    return torch.sparse_csr_tensor(offset, column, value, shape, check_invariants=False)
 
 
 @cache
