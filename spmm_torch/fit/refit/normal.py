@@ -16,13 +16,16 @@ from ...model.lookup import SparseWeights
 from ...runtime.memory import slices
 from ...runtime.sparse import csr_matrix
 from .lookups import HALF, Lookups
+from .matrices import products_at
 
 # Place of a texel itself among the 3 x 3 around it.
 SELF = 4
-# Pairs of entries whose products are summed at once: 64 MB for 16 views.
-PAIR_BLOCK = 1 << 19
-# Views whose products of lobes are held at once.
-VIEW_BLOCK = 16
+# Pairs of entries whose places are held at once: some 60 MB.
+PAIR_BLOCK = 1 << 20
+# Bytes of the products of lobes, pair by pair and view by view, that are held at once.
+PRODUCT_BYTES = 1 << 28
+# Views whose products are transposed at once: these take a few of the bytes above once more.
+VIEW_BLOCK = 8
 
 
 @dataclass(frozen=True)
@@ -47,36 +50,97 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
         lookups: what each pixel shows.
     """
     count = entries.offset[1:] - entries.offset[:-1]
-    squares = lookups.squares()  # [V, T, 5]
     sides = torch.arange(9, device=count.device)
     if not lookups.mixed:  # each texel shows in its own pixels only
         sides = sides[SELF : SELF + 1]
     around = neighbours(lookups.height, lookups.width, count.device)[:, sides]  # [T, S]
-    length = count[around]  # [T, S]
-    lines = length.sum(1)  # columns of each row of a texel
+    lines = count[around].sum(1)  # columns of each row of a texel
     rows = torch.repeat_interleave(lines, count)  # [N]
     start = torch.cat((rows.new_zeros(1), rows.cumsum(0)))
     column = torch.empty(int(start[-1]), dtype=torch.int32, device=count.device)
     value = torch.zeros(len(column), device=count.device)
     own = torch.zeros(len(entries.index), device=count.device)
-    for texels in _blocks(lines * count):
-        first, last = int(entries.offset[texels.start]), int(entries.offset[texels.stop])
-        if last == first:
-            continue
-        texel = torch.repeat_interleave(count[texels]) + texels.start  # of each entry [n]
-        group, other = ranges(entries.offset[around[texel]].flatten(), length[texel].flatten())
-        entry = group.div(len(sides), rounding_mode="floor")
-        side = group % len(sides)
-        lobe, mate = entries.index[first + entry], entries.index[other]
-        place = _square_place(texel[entry], around[texel[entry], side], sides[side])
-        part = slice(int(start[first]), int(start[last]))
-        column[part] = other.int()
-        value[part] = _sums(rho, squares, lobe, mate, place)
-        diagonal = torch.nonzero(other == first + entry).squeeze(1)
-        own.index_add_(0, other[diagonal], value[part][diagonal])
+    squares = lookups.squares()  # [V, T, 5]
+    blocks = _blocks(lines * count)
+    for views in slices(len(rho), _views_at_once(rho.shape[1])):
+        gram, table = _lobe_products(rho[views]), squares[views].flatten(1).T.contiguous()
+        for texels in blocks:
+            pairs = _Pairs.of(entries, rho.shape[1], around, sides, texels)
+            if not len(pairs.other):
+                continue
+            part = slice(int(start[pairs.first]), int(start[pairs.last]))
+            found = pairs.sums(table, gram)
+            column[part] = pairs.other.int()
+            value[part] += found
+            entry = pairs.group.div(len(sides), rounding_mode="floor")
+            diagonal = torch.nonzero(pairs.other == pairs.first + entry).squeeze(1)
+            own.index_add_(0, pairs.other[diagonal], found[diagonal])
     size = len(entries.index)
     matrix = csr_matrix(start.int(), column, value, (size, size))
     return NormalMatrix(matrix, own)
+
+
+@dataclass(frozen=True)
+class _Pairs:
+    """Entries `first` to `last` of some texels, each with all entries of the texels around its own.
+
+    Attributes:
+        first, last: entries.
+        group: entry of `first` to `last` and side of the other, as one number, `[n]`.
+        other: the other entry, `[n]`.
+        lobes: of both, as one number, `[n]`.
+        end: number of pairs before each group, `[G + 1]`.
+        place: of both texels in the table of W_v^T W_v, `[G]`.
+    """
+
+    first: int
+    last: int
+    group: Tensor
+    other: Tensor
+    lobes: Tensor
+    end: Tensor
+    place: Tensor
+
+    @classmethod
+    def of(
+        cls, entries: SparseWeights, lobe_count: int, around: Tensor, sides: Tensor, texels: slice
+    ) -> _Pairs:
+        """The pairs of consecutive texels, each of which has texels `around [T, S]` at `sides`."""
+        first, last = int(entries.offset[texels.start]), int(entries.offset[texels.stop])
+        count = entries.offset[1:] - entries.offset[:-1]
+        texel = torch.repeat_interleave(count[texels]) + texels.start  # of each entry
+        near = around[texel]  # [e, S]
+        length = count[near].flatten()  # [G]
+        group, other = ranges(entries.offset[near].flatten(), length)
+        own = entries.index[first:last].repeat_interleave(len(sides))  # [G]
+        lobes = own[group] * lobe_count + entries.index[other]
+        end = torch.cat((length.new_zeros(1), length.cumsum(0)))
+        place = _square_place(texel[:, None], near, sides).flatten()
+        return cls(first, last, group, other, lobes, end, place)
+
+    def sums(self, table: Tensor, gram: Tensor) -> Tensor:
+        """sum_v (W_v^T W_v)[q, q'] <rho_j(v), rho_j'(v)> over some views, `[n]`.
+
+        Args:
+            table: W_v^T W_v, `[T 5, v]`.
+            gram: products of the lobes, `[J J, v]`.
+        """
+        values = torch.empty(len(self.lobes), device=gram.device)
+        shape = (len(self.place), len(gram))
+        pattern = csr_matrix(self.end.int(), self.lobes.int(), values, shape)
+        return products_at(pattern, table[self.place], gram.T)
+
+
+def _views_at_once(lobes: int) -> int:
+    return max(PRODUCT_BYTES // (4 * lobes * lobes), 1)
+
+
+def _lobe_products(rho: Tensor) -> Tensor:
+    """<rho_j(v), rho_j'(v)> `[J J, v]` of values `[v, J, L]`."""
+    products = torch.empty(rho.shape[1] ** 2, len(rho), device=rho.device)
+    for views in slices(len(rho), VIEW_BLOCK):
+        products[:, views] = (rho[views] @ rho[views].transpose(1, 2)).flatten(1).T
+    return products
 
 
 def neighbours(height: int, width: int, device: torch.device) -> Tensor:
@@ -89,30 +153,15 @@ def neighbours(height: int, width: int, device: torch.device) -> Tensor:
 
 
 def _square_place(texel: Tensor, other: Tensor, side: Tensor) -> Tensor:
-    """Place `[n]` in the table `[T 5]` of W_v^T W_v, of a texel and its neighbour at `side`."""
+    """Place in the table `[T 5]` of W_v^T W_v, of a texel and its neighbour at `side`."""
     after = side >= SELF
     slot = (side - SELF).abs()
     return torch.where(after, texel, other) * len(HALF) + slot
 
 
-def _sums(rho: Tensor, squares: Tensor, lobe: Tensor, mate: Tensor, place: Tensor) -> Tensor:
-    """sum_v squares[v, place] <rho_lobe(v), rho_mate(v)>, `[n]`."""
-    lobes = rho.shape[1]
-    total = torch.zeros(len(lobe), device=rho.device)
-    for views in slices(len(rho), VIEW_BLOCK):
-        gram = rho[views] @ rho[views].transpose(1, 2)  # [v, J, J]
-        gram = gram.flatten(1).T.contiguous()  # [J J, v]
-        table = squares[views].flatten(1).T.contiguous()  # [T 5, v]
-        for part in slices(len(lobe), PAIR_BLOCK):
-            shared = table.index_select(0, place[part])
-            shared *= gram.index_select(0, lobe[part] * lobes + mate[part])
-            total[part] += shared.sum(1)
-    return total
-
-
 def _blocks(sizes: Tensor) -> list[slice]:
-    """Consecutive texels whose `sizes [T]` sum to about two blocks of pairs."""
-    block = (sizes.cumsum(0) - sizes) // (2 * PAIR_BLOCK)
+    """Consecutive texels whose `sizes [T]` sum to about a block of pairs."""
+    block = (sizes.cumsum(0) - sizes) // PAIR_BLOCK
     ends = torch.nonzero(block[1:] != block[:-1]).squeeze(1).add(1).tolist()
     edges = [0, *ends, len(sizes)]
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]

@@ -22,7 +22,8 @@ def sample(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> C
     if request.param != "many blocks":
         return CASES[request.param]
     monkeypatch.setattr(normal, "PAIR_BLOCK", 7)
-    monkeypatch.setattr(normal, "VIEW_BLOCK", 3)
+    monkeypatch.setattr(normal, "VIEW_BLOCK", 2)
+    monkeypatch.setattr(normal, "PRODUCT_BYTES", 3 * 4 * CASES["weighted"].scaled_rho.shape[1] ** 2)
     return CASES["weighted"]
 
 
