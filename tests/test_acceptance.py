@@ -44,7 +44,7 @@ def test_measured_brdfs() -> None:
 
 
 @needs_data("measured_mean_reflectance.npz")
-@pytest.mark.parametrize(("name", "least"), [("carpet07", 19.0), ("felt05", 16.0)])
+@pytest.mark.parametrize(("name", "least"), [("carpet07", 18.8), ("felt05", 16.0)])
 def test_measured_mean_reflectance(name: str, least: float) -> None:
     btf = dict(measured_means())[name]
     report = fit(btf, FOUR_LOBES).report

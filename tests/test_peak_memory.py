@@ -28,7 +28,7 @@ import sys, torch
 from spmm_torch import FitConfig, load_btf
 from spmm_torch.cli.main import main
 from spmm_torch.data import blocks
-from spmm_torch.fit import plan
+from spmm_torch.fit import pipeline, plan
 from spmm_torch.fit.search import joint
 from spmm_torch.fit.select import alternate, clusters
 

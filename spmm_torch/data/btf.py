@@ -257,6 +257,11 @@ class BTF:
         values = self._loaded().pairs(start * lights, stop * lights)
         return values.unflatten(1, (stop - start, lights))
 
+    def planes(self, view: int) -> Tensor:
+        """Linear values `[C, T, L]` of one view, channel by channel, on the CPU."""
+        lights = len(self.light)
+        return self._loaded().planes(view * lights, (view + 1) * lights)
+
     def peak(self) -> float:
         """The peak of the PSNR: 1.0 for LDR, the exact 99.9th percentile of values for HDR."""
         if not self.is_hdr:

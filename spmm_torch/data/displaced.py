@@ -56,6 +56,10 @@ class DisplacedStore:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.texels(None)[:, start:stop]
 
+    def planes(self, start: int, stop: int) -> Tensor:
+        """Values `[C, T, stop - start]`; see `Store.planes`."""
+        return self.pairs(start, stop).permute(2, 0, 1).contiguous()
+
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str
     ) -> Tensor:

@@ -37,6 +37,10 @@ class Store(Protocol):
         """Values `[T, stop - start, C]` float32 of consecutive direction pairs, on the CPU."""
         ...
 
+    def planes(self, start: int, stop: int) -> Tensor:
+        """Values `[C, T, stop - start]` float32 of the same, contiguous, on the CPU."""
+        ...
+
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str
     ) -> Tensor:
@@ -75,6 +79,13 @@ class CodeStore:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.expand(self.codes.columns(start, stop))
 
+    def planes(self, start: int, stop: int) -> Tensor:
+        """Values `[C, T, stop - start]`; see `Store.planes`."""
+        codes = self.codes.columns(start, stop)
+        if self.expand.elementwise:  # codes are smaller than values
+            return self.expand(codes.contiguous().permute(2, 0, 1).contiguous())
+        return self.expand(codes).permute(2, 0, 1).contiguous()
+
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
     ) -> Tensor:
@@ -110,6 +121,10 @@ class CosineStore:
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.values.pairs(start, stop) * self.cosine[start:stop, None]
+
+    def planes(self, start: int, stop: int) -> Tensor:
+        """Values `[C, T, stop - start]`; see `Store.planes`."""
+        return self.values.planes(start, stop) * self.cosine[start:stop]
 
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"

@@ -24,6 +24,9 @@ from .problem import Problem
 
 # Columns of the random matrix beyond the components asked for [HMT11, §4.2].
 OVERSAMPLING = 8
+# Texels by which the space of the coordinates is found: every fourth, of large textures only. The
+# space of so many is that of all, but for texels like no others.
+SKETCH_STEP, SKETCH_LEAST = 4, 1 << 14
 # Coordinates for each component of the residual, whose coefficients start from them.
 SPAN = 2
 # Bound of the relative rounding error of principal coordinates: texels closer than this are equal,
@@ -104,7 +107,11 @@ def cluster_texels(problem: Problem) -> Clusters:
     context, asked = problem.context, problem.config.cluster.count
     count = problem.btf.texel_count
     clusters = context.stage(
-        "cluster", Clusters, lambda advance: _clusters(problem, advance), 2 * count, "texels"
+        "cluster",
+        Clusters,
+        lambda advance: _clusters(problem, advance),
+        count + len(range(count)[_sketched(count)]),
+        "texels",
     )
     if warning := warning_of_fewer_clusters(len(clusters.members), asked, count):
         context.progress.say(warning)
@@ -145,7 +152,8 @@ def principal_points(
     """(coordinates of the texels `[T, P]`, their leading right singular vectors `[D, P, C]`).
 
     They are found by a randomized range finder with one power iteration [HMT11, Alg. 4.4]. k-means
-    then works on P coordinates instead of D * C values. `advance` receives 2 T in all.
+    then works on P coordinates instead of D * C values. `advance` receives the number of texels
+    that were read, those of the sketch twice.
     """
     btf, ranks, device = problem.btf, problem.context.ranks, problem.device
     components = coordinate_count(problem.config)
@@ -153,17 +161,16 @@ def principal_points(
     rank = min(components + OVERSAMPLING, btf.texel_count, width)
     probe = torch.randn(btf.pair_count, btf.channels, rank, generator=generator)
     probe = probe.transpose(0, 1).reshape(width, rank).to(device)  # channels first, as signals
-    blocks = list(slices(btf.texel_count, block_texels(btf, device)))
-    mine = blocks[ranks.rank :: ranks.size]
+    size = block_texels(btf, device)
     # float64, so that the order of the blocks does not matter.
     back = torch.zeros(width, rank, dtype=torch.float64, device=device)
-    for block in mine:  # Y^T (Y probe), without keeping Y
+    for block in _sketch_blocks(btf.texel_count, size)[ranks.rank :: ranks.size]:
         values = _weighted(problem.weights, problem.signals(block).flatten(1), block)
-        back += values.T @ (values @ probe)
+        back += values.T @ (values @ probe)  # Y^T (Y probe), without keeping Y
         advance(ranks.size * len(values))
     basis = torch.linalg.qr(ranks.sum(back).float()).Q  # [D C, rank], the right singular space
     points = torch.zeros(btf.texel_count, rank)
-    for block in mine:
+    for block in list(slices(btf.texel_count, size))[ranks.rank :: ranks.size]:
         values = problem.signals(block).flatten(1)
         points[block] = (values @ basis).cpu()
         advance(ranks.size * len(values))
@@ -173,6 +180,18 @@ def principal_points(
     turned = (basis.cpu() @ rotation)[:, :components]  # [C D, P]
     functions = turned.view(btf.channels, btf.pair_count, -1).permute(1, 2, 0)
     return (points @ rotation)[:, :components], functions.contiguous()
+
+
+def _sketched(texels: int) -> slice:
+    """The texels by which the space of the coordinates is found."""
+    return slice(0, texels, min(SKETCH_STEP, max(texels // SKETCH_LEAST, 1)))
+
+
+def _sketch_blocks(texels: int, size: int) -> list[slice]:
+    """The same in blocks of at most `size` texels."""
+    rows = range(texels)[_sketched(texels)]
+    parts = (rows[block] for block in slices(len(rows), size))
+    return [slice(part.start, part.stop, part.step) for part in parts]
 
 
 def coordinate_count(config: FitConfig) -> int:

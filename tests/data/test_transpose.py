@@ -34,6 +34,8 @@ def assert_same(store: CodeStore, expected: CodeStore) -> None:
         assert torch.equal(store.texels(index), expected.texels(index))
     for start, stop in ((0, VIEWS * LIGHTS), (4, 5), (2, 11), (3, 3)):
         assert torch.equal(store.pairs(start, stop), expected.pairs(start, stop))
+        planes = expected.pairs(start, stop).permute(2, 0, 1)
+        assert torch.equal(store.planes(start, stop), planes)
     assert store.is_hdr == expected.is_hdr
 
 
@@ -57,6 +59,8 @@ def test_values_in_memory(new_format: NewFormat, kind: str) -> None:
     expected = fake.expand(torch.from_numpy(fake.texel_major.copy()))
     assert torch.equal(store.texels(None), expected)
     assert torch.equal(store.pairs(4, 9), expected[:, 4:9])
+    planes = store.planes(4, 9)
+    assert torch.equal(planes, expected[:, 4:9].permute(2, 0, 1)) and planes.is_contiguous()
     assert store.is_hdr == bool((expected > 1.0).any()) == (kind != "uint8")
 
 

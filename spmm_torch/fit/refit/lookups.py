@@ -106,20 +106,25 @@ class Lookups:
         """W_v^T W_v of all views, `[V, T, 5]`: of each texel and its neighbours in `HALF`."""
         views, texels = self.texel.shape[:2]
         table = torch.zeros(views, texels * len(HALF), device=self.texel.device)
-        row, column = self.texel // self.width, self.texel % self.width
+        for own, texel, weight in zip(table, self.texel, self.weight, strict=True):
+            self._add_squares(own, texel, weight)  # what a view takes stays in the caches
+        return table.view(views, texels, len(HALF))
+
+    def _add_squares(self, table: Tensor, texel: Tensor, weight: Tensor) -> None:
+        """Adds those of one view to `table [T 5]`, given its texels and weights `[T, 4]`."""
+        row, column = texel // self.width, texel % self.width
         for a, b in CORNER_PAIRS:
             # Equal at the border of a mirrored texture, and in one of a single row or column.
-            down = (row[..., a] != row[..., b]).long()  # [V, T]
-            right = (column[..., a] != column[..., b]) * (b % 2 - a % 2)
+            down = (row[:, a] != row[:, b]).long()  # [T]
+            right = (column[:, a] != column[:, b]) * (b % 2 - a % 2)
             back = (down == 0) & (right < 0)  # (0, -1) is (0, 1) of the other corner
-            first = torch.where(back, self.texel[..., b], self.texel[..., a]).long()
+            first = torch.where(back, texel[:, b], texel[:, a]).long()
             right = torch.where(back, 1, right)
             slot = torch.where(down > 0, 3 + right, right)
-            product = self.weight[..., a] * self.weight[..., b]
+            product = weight[:, a] * weight[:, b]
             if a != b:  # both orders fall on one texel
                 product = torch.where((down == 0) & (right == 0), 2.0 * product, product)
-            table.scatter_add_(1, first * len(HALF) + slot, product)
-        return table.view(views, texels, len(HALF))
+            table.scatter_add_(0, first * len(HALF) + slot, product)
 
 
 def _seen(surface: HeightField, view: Tensor, drift: Tensor | None) -> tuple[Tensor, Tensor]:

@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
-from torch.nn.functional import one_hot
 
 from ...data import BTF
+from ...lobes.ragged import stable_order
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
+from ...runtime.sparse import csr_matrix
 from .lookups import Lookups
 from .matrices import channel_matrices, products_at
 
@@ -73,17 +74,15 @@ def project(
     device, channels = rho.device, pictures.channels
     lobes = torch.zeros(len(entries.index), channels, dtype=torch.float64, device=device)
     sums = torch.zeros(2, dtype=torch.float64)
-    member = one_hot(labels.to(device)).float()  # [T, K]
-    if lookups.pixel is not None:
-        member = member * lookups.pixel[:, None]
+    members = _members(labels.to(device), lookups.pixel)
     pattern = channel_matrices(entries, rho.shape[1])[0]
     for view in ranks.share(torch.arange(lookups.views)).tolist():
-        picture = planes(pictures, view, device)  # [C, T, L]
+        picture = pictures.planes(view).to(device)  # [C, T, L]
         if scale is not None:
             picture = picture * scale.view(lookups.views, -1)[view]
         if lookups.pixel is not None:
             picture = picture * lookups.pixel[:, None]
-        sums += _sums(picture, member)
+        sums += _sums(picture, members)
         gathered, own = lookups.gathered(view), rho[view].T.contiguous()
         for channel, plane in enumerate(picture):
             lobes[:, channel] += products_at(pattern, gathered @ plane, own)
@@ -92,20 +91,34 @@ def project(
     return Projections(ranks.sum(lobes), energy, means)
 
 
-def planes(pictures: BTF, view: int, device: torch.device) -> Tensor:
-    """The pictures of one view, channel by channel, `[C, T, L]`."""
-    return pictures.views(view, view + 1)[:, 0].to(device).permute(2, 0, 1).contiguous()
+def _members(labels: Tensor, pixel: Tensor | None) -> tuple[Tensor, Tensor]:
+    """Which texels are in each cluster, sparse CSR `[K, T]`, and how many, `[K]`.
+
+    Args:
+        labels: clusters of the texels, `[T]`.
+        pixel: square roots of the weights of the texels, `[T]`, by which pictures are scaled;
+            None: all 1. They then stand for 1, and count by their squares.
+    """
+    texels, clusters = len(labels), int(labels.max()) + 1
+    order = stable_order(labels, clusters)
+    value = torch.ones(texels, device=labels.device) if pixel is None else pixel[order]
+    size = torch.bincount(labels, minlength=clusters)
+    rows = torch.cat((size.new_zeros(1), size.cumsum(0))).int()
+    matrix = csr_matrix(rows, order.int(), value, (clusters, texels))
+    if pixel is None:
+        return matrix, size.float()
+    return matrix, pixel.new_zeros(clusters).index_add_(0, labels, pixel.square())
 
 
-def _sums(picture: Tensor, member: Tensor) -> Tensor:
+def _sums(picture: Tensor, members: tuple[Tensor, Tensor]) -> Tensor:
     """Energy of pictures `[C, T, L]` and of the means of clusters, `[2]` float64.
 
     Args:
         picture: of one view.
-        member: 1 where a texel is in a cluster, `[T, K]`; or the square root of its weight, by
-            which its picture is scaled.
+        members: see `_members`.
     """
+    matrix, count = members
     energy = torch.linalg.vector_norm(picture, dim=2).double().square().sum()
-    total = (member.T @ picture).double()  # [C, K, L]
-    means = (total.square() / member.square().sum(0)[:, None]).sum()
+    total = torch.stack([matrix @ plane for plane in picture]).double()  # [C, K, L]
+    means = (total.square() / count[:, None]).sum()
     return torch.stack((energy, means)).cpu()

@@ -18,7 +18,6 @@ from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
 from .matrices import channel_matrices, solve_with_ridge
-from .projections import planes
 
 # Ridge relative to the mean diagonal: views that show little leave functions undetermined.
 RIDGE = 1e-4
@@ -79,7 +78,7 @@ def sweep(
     products = torch.zeros(coefficient.shape, dtype=torch.float64, device=device)
     weights = channel_matrices(entries, rho.shape[1])
     for view in ranks.share(torch.arange(lookups.views)).tolist():
-        picture = planes(pictures, view, device)  # [C, T, L]
+        picture = pictures.planes(view).to(device)  # [C, T, L]
         if lookups.pixel is not None:
             picture = picture * lookups.pixel[:, None]
         drawn = lookups.drawn(view)

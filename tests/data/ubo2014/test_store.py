@@ -85,7 +85,9 @@ def test_small_tiles(monkeypatch: pytest.MonkeyPatch, path: Path, whole: torch.T
 
 @pytest.mark.parametrize(("start", "stop"), [(0, 1), (6560, 6561), (100, 181), (2040, 2060)])
 def test_pairs(btf: BTF, whole: torch.Tensor, start: int, stop: int) -> None:
-    torch.testing.assert_close(btf._store.pairs(start, stop), whole[:, start:stop])
+    part = whole[:, start:stop]
+    torch.testing.assert_close(btf._store.pairs(start, stop), part)
+    torch.testing.assert_close(btf._store.planes(start, stop), part.permute(2, 0, 1))
 
 
 def test_threads_share_a_store(path: Path, whole: torch.Tensor) -> None:
