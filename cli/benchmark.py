@@ -58,6 +58,12 @@ def add_options(parser: Parser) -> None:
         help=f"runs of each measurement at most (default: {FULL_REPEATS}; {SMALL_REPEATS} with "
         f"--small)",
     )
+    add(
+        "--training",
+        metavar="TIME,...",
+        help="training times of the neural peers, in units of the time of our own fit; 0: none of "
+        "them (default: 1,10)",
+    )
     add_settings(parser, FitConfig, "device")
 
 
@@ -75,6 +81,8 @@ def run(options: argparse.Namespace) -> list[str]:
     device = resolve_device(options.device)
     source, *others = [Path(name) for name in options.input] or [sample_path()]
     scope = replace(scope, materials=tuple(others))
+    if options.training is not None:
+        scope = replace(scope, training=chosen_training(options.training))
     with new_folder(options.output) as folder:
         total = 1 + sum(part(name).count(scope) for name in parts)
         with progress.stage("benchmark", total, "measurements") as stage:
@@ -119,6 +127,23 @@ def chosen_scope(small: bool, repeats: int | None) -> Scope:
     if repeats < 1:
         raise ConfigError(f"--repeats is {repeats}; expected 1 or more.")
     return replace(scope, protocol=replace(scope.protocol, repeats=repeats))
+
+
+def chosen_training(text: str) -> tuple[float, ...]:
+    """The training times that a list names; those of zero are none.
+
+    Raises:
+        ConfigError: something that is no time.
+    """
+    try:
+        times = [float(part) for part in text.split(",")]
+    except ValueError:
+        times = [math.nan]
+    if not all(0.0 <= time < math.inf for time in times):
+        raise ConfigError(
+            f"--training is {text!r}; expected positive numbers with commas between them, or 0."
+        )
+    return tuple(time for time in times if time > 0.0)
 
 
 def measure(bench: Bench, parts: list[str]) -> dict[str, Any]:

@@ -58,7 +58,6 @@ def test_all_methods_are_there(part: Row) -> None:
         "ours, flat",
         "local PCA",
         "local PCA, our relief",
-        "neural, 0.05 x time",
         "neural depth, 0.05 x time",
     ]
     assert {row["material"] for row in part["rows"]} == {"raised"}

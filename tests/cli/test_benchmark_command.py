@@ -16,7 +16,14 @@ from spmm_torch.benchmark.peers import PEERS
 from spmm_torch.benchmark.peers.problem import SEARCH, SELECTION, WHOLE
 from spmm_torch.benchmark.scope import FULL, SMALL
 from spmm_torch.benchmark.variants import SHIPPED
-from spmm_torch.cli.benchmark import PARTS, chosen_parts, chosen_scope, finite, headlines
+from spmm_torch.cli.benchmark import (
+    PARTS,
+    chosen_parts,
+    chosen_scope,
+    chosen_training,
+    finite,
+    headlines,
+)
 from spmm_torch.cli.main import main
 
 Results = dict[str, Any]
@@ -31,6 +38,8 @@ def test_parts_keep_their_order() -> None:
     [
         (["--parts", "sweep,speed"], "--parts names 'speed'; expected some of sweep, peers"),
         (["--repeats", "0"], "--repeats is 0; expected 1 or more."),
+        (["--training", "1,x"], "--training is '1,x'; expected positive numbers"),
+        (["--training=-1"], "--training is '-1'; expected positive numbers"),
         (["--device", "abacus"], "device is 'abacus'; expected auto"),
         (["nowhere.zip"], "nowhere.zip does not exist; expected a zip"),
     ],
@@ -45,6 +54,11 @@ def test_bad_input_is_one_sentence(
 
 def test_an_output_that_exists(tmp_path: Path, refused: Callable[..., str]) -> None:
     assert f"{tmp_path} exists" in refused("benchmark", "-o", tmp_path)
+
+
+def test_training_times_are_set() -> None:
+    assert chosen_training("0.5,10") == (0.5, 10.0)
+    assert chosen_training("0") == ()
 
 
 def test_repeats_are_set() -> None:

@@ -15,7 +15,7 @@ from ..fits import TimedFit
 from ..scope import Bench, Scope
 from .leads import leads_of
 from .linear import local_pca_rows
-from .networks import KINDS, neural_rows
+from .networks import neural_rows
 from .ours import MODES, our_rows
 from .subject import Row, Subject, middle
 
@@ -26,7 +26,7 @@ LARGEST_SIDE = 64
 def count(scope: Scope) -> int:
     """The number of measurements."""
     ours = len(MODES) * len(scope.ranks)
-    neural = len(KINDS) * len(scope.latents) * len(scope.training)
+    neural = len(scope.latents) * len(scope.training)
     return (1 + len(scope.materials)) * (ours + len(MODES) + neural)
 
 

@@ -1,16 +1,12 @@
-"""Neural BTFs of several sizes, with a depth and without one, trained for given times."""
+"""Neural BTFs with depth of several sizes, trained for given times."""
 
 from __future__ import annotations
 
 from functools import partial
 
-from ..peers.neural_btf import NeuralBTF
 from ..peers.neural_depth import DepthBTF
 from ..peers.training import train
 from .subject import Row, Subject
-
-# Both networks by the names of their lines.
-KINDS = {"neural": NeuralBTF, "neural depth": DepthBTF}
 
 
 def neural_rows(subject: Subject, seconds: float) -> list[Row]:
@@ -22,13 +18,12 @@ def neural_rows(subject: Subject, seconds: float) -> list[Row]:
     """
     scope, rows = subject.bench.scope, []
     values = subject.btf.texels(device=subject.bench.device)
-    for kind, network in KINDS.items():
-        for factor in scope.training:
-            for latent in scope.latents:
-                build = partial(network, latent=latent)
-                model, _ = train(build, subject.btf, values, factor * seconds)
-                sizes = model.texel_bytes, model.shared_bytes
-                curve, name = f"{kind}, {factor:g} x time", f"{latent} latent values"
-                rows.append(subject.drawn(curve, name, model.of_view, sizes, factor * seconds))
-                subject.bench.advance()
+    for factor in scope.training:
+        for latent in scope.latents:
+            build = partial(DepthBTF, latent=latent)
+            model, _ = train(build, subject.btf, values, factor * seconds)
+            sizes = model.texel_bytes, model.shared_bytes
+            curve, name = f"neural depth, {factor:g} x time", f"{latent} latent values"
+            rows.append(subject.drawn(curve, name, model.of_view, sizes, factor * seconds))
+            subject.bench.advance()
     return rows
