@@ -93,23 +93,6 @@ def is_coded(dtype: torch.dtype) -> bool:
     return dtype != torch.float32
 
 
-@torch.no_grad()
-def rounding_energy(weights: SparseWeights, dtype: torch.dtype, energy: Tensor) -> float:
-    """Squared error over all texels, pairs and channels that a number format adds to a model.
-
-    Errors of the lobes of a texel are taken as independent of each other.
-
-    Args:
-        weights: of the model.
-        dtype: number format.
-        energy: of each lobe, the sum of rho^2 over pairs, `[J]`.
-    """
-    if not is_coded(dtype):
-        return 0.0
-    change = decode_weights(*encode_weights(weights.weight, dtype)) - weights.weight
-    return float(change.double().square().sum(1) @ energy.double()[weights.index])
-
-
 def by_lobe(weights: SparseWeights) -> SparseWeights:
     """The same entries, those of each texel in the order of their lobes."""
     count = weights.offset[1:] - weights.offset[:-1]

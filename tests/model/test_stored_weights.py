@@ -24,11 +24,10 @@ from spmm_torch.model.stored_weights import (
     encode_entries,
     encode_weights,
     rounded,
-    rounding_energy,
 )
 from spmm_torch.runtime import tensor_file
 from tests.planted.directions import random_directions
-from tests.planted.models import FEW_RINGS, measured_values, planted_model, with_components
+from tests.planted.models import FEW_RINGS, planted_model, with_components
 
 TYPES = [torch.uint8, torch.int16]
 
@@ -178,20 +177,6 @@ def test_bytes_of_a_texel_do_not_count_what_texels_share() -> None:
     expected = (header + len(model.index) * entry_bytes + texels * (1 + 1 + 2)) / texels
     assert model.bytes_per_texel() == pytest.approx(expected)
     assert model.byte_counts()["residual"] > 2 * len(model.view) * len(model.light) * 3
-
-
-def test_rounding_energy_is_what_rounding_adds() -> None:
-    """On average over lobes, whose errors are taken as independent of each other."""
-    model = planted_model(size=32, rings=FEW_RINGS, lobes_per_texel=4)
-    before = measured_values(model).double()
-    energy = model.dictionary.eval_grid(model.light, model.view).square().sum(1)
-    told = rounding_energy(model.sparse_weights, torch.uint8, energy)
-    weights = rounded(model.sparse_weights, torch.uint8)
-    assert torch.equal(weights.index, model.index)  # planted in order
-    model.weight.data = weights.weight
-    added = float((measured_values(model).double() - before).square().sum())
-    assert told == pytest.approx(added, rel=0.3)
-    assert rounding_energy(model.sparse_weights, torch.float32, energy) == 0.0
 
 
 def test_texels_keep_their_own_entries() -> None:

@@ -39,8 +39,10 @@ HELD_OUT, LEAST_DIRECTIONS = 0.1, 4
 VISIBLE = 1e-4
 # Largest value of min_gain that is tried: texels then have one nearly perfect lobe, or none.
 MOST_GAIN = 0.9
-# Stored bytes: the index of an entry; a float; model, parameters, normal and angle of a lobe.
-INDEX_BYTES, FLOAT_BYTES, LOBE_BYTES = 2, 4, 1 + 4 * (MAX_PARAMETERS + 4)
+# Stored bytes of a weight by `storage.weights`; of the index of an entry; and of model, parameters,
+# normal and angle of a lobe.
+WEIGHT_BYTES = {"auto": 1, "byte": 1, "int16": 2, "float32": 4}
+INDEX_BYTES, LOBE_BYTES = 1, 1 + 4 * (MAX_PARAMETERS + 4)
 
 
 @dataclass(frozen=True)
@@ -230,7 +232,8 @@ class _Trial:
         energy = unseen.energy.sum(1)  # [n]
         ratio = squared_errors(unseen, fit) / energy.clamp(min=torch.finfo(energy.dtype).tiny)
         error = float(ratio.clamp(min=VISIBLE).log().mean())
-        entry = INDEX_BYTES + FLOAT_BYTES * unseen.energy.shape[1]
+        weight = WEIGHT_BYTES[self.config.storage.weights]
+        entry = INDEX_BYTES + weight * unseen.energy.shape[1]
         used = fit.index[fit.index >= 0]
         lobes = len(used) / len(energy)
         own_dictionary = len(torch.unique(used)) * LOBE_BYTES / entry / self.texel_count

@@ -14,6 +14,5 @@ References:
 """
 
 from .estimate import Estimate, estimate_relief
-from .refine import refined_height
 
-__all__ = ["Estimate", "estimate_relief", "refined_height"]
+__all__ = ["Estimate", "estimate_relief"]

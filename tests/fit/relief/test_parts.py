@@ -20,7 +20,6 @@ from spmm_torch.fit.relief.pictures import (
     read_stack,
     spread,
 )
-from spmm_torch.fit.relief.refine import refined_height
 from spmm_torch.fit.relief.resample import resampled, resized
 from spmm_torch.fit.relief.smooth import lowest, median, smoothed_cost
 from spmm_torch.fit.relief.sweep import sweep_heights
@@ -138,15 +137,3 @@ def test_large_pictures_are_swept_from_coarse_to_fine() -> None:
     height = sweep_heights(replace(stack, repeats=True), 0.03)
     both = torch.stack((height.flatten(), planted.height.flatten()))
     assert float(torch.corrcoef(both)[0, 1]) > 0.95
-
-
-def test_a_model_that_is_right_mends_heights() -> None:
-    planted = planted_relief()
-    lights = torch.arange(4)
-    stack = read_stack(planted.btf, torch.arange(len(planted.btf.view)), lights)
-    stack = replace(stack, repeats=True)
-    truth = [stack.aligned(view, planted.height[None])[0][0] for view in range(len(stack.values))]
-    wrong = planted.height + 0.004
-    mended = refined_height(stack, wrong, lambda view: 3.0 * truth[view] + 1.0)
-    before, after = ((each - planted.height).square().mean() for each in (wrong, mended))
-    assert float(after) < 0.1 * float(before)
