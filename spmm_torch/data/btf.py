@@ -47,6 +47,7 @@ class BTF:
         cosine_missing: whether values are yet to be multiplied by the cosine of the light.
         negative: treatment of values below zero: "refuse", "clip" to zero, or "keep".
         missing: direction pairs without values (zeros stand for them), `[V, L]` bool; None: none.
+        notes: lines about the input that whoever reads it ought to see.
     """
 
     name: str
@@ -64,6 +65,7 @@ class BTF:
     cosine_missing: bool = False
     negative: str = "refuse"
     missing: Tensor | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = field(default=(), repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 

@@ -1,7 +1,8 @@
 """Reader of picture sets: a zip or folder of one picture for each direction pair.
 
 File names give the directions: `<NAME>/MANYFILES/tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`
-has the polar angles t and azimuths p, in degrees, of light l and view v. The first bytes of a file
+has the polar angles t and azimuths p, in degrees, of light l and view v; other names are read by a
+pattern. The first bytes of a file
 give its format: JPEG and PNG (UBO2003), Radiance (ATRIUM) or OpenEXR. 8-bit pictures are
 gamma-encoded, the others linear; all values contain the cosine of the light.
 """
@@ -12,6 +13,7 @@ import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,19 +23,10 @@ from .btf import BTF
 from .cache import entry_key, file_hash
 from .codecs import CODECS, DECODE_ERRORS, SUFFIXES, Codec, codec_of
 from .directions import checked_directions
+from .file_names import parse_angles
 from .options import DEFAULT_OPTIONS, ReadOptions
-from .pictures import (
-    Archive,
-    PictureGrid,
-    arrange,
-    list_files,
-    material_name,
-    open_archive,
-    open_zip,
-    parse_angles,
-    unit_vectors,
-    unreadable,
-)
+from .picture_grid import PictureGrid, arrange, hole_notes, unit_vectors
+from .pictures import Archive, list_files, material_name, open_archive, shown, unreadable
 from .store import Loading, Part, Store
 from .transpose import Place, ViewSource, open_store
 
@@ -47,40 +40,67 @@ CHANNELS = 3
 
 def accepts(path: Path) -> bool:
     """Whether a folder or zip has at least one picture named by its directions."""
-    return (path.is_dir() or zipfile.is_zipfile(path)) and any(map(_is_picture, list_files(path)))
+    return is_container(path) and bool(list_pictures(path))
+
+
+def is_container(path: Path) -> bool:
+    """Whether a path is a folder or a zip."""
+    return path.is_dir() or zipfile.is_zipfile(path)
 
 
 def list_pictures(path: Path) -> list[str]:
     """Names of the pictures in a zip or folder that are named by their directions."""
-    return [name for name in list_files(path) if _is_picture(name)]
+    return _named(list_files(path), None)
+
+
+def _named(files: Sequence[str], pattern: str | None) -> list[str]:
+    """Names of the pictures among files that are named by their directions."""
+    named = (name for name in files if parse_angles(name, pattern) is not None)
+    return shown([name for name in named if _is_picture(name)])
 
 
 def _is_picture(name: str) -> bool:
-    return name.lower().endswith(SUFFIXES) and parse_angles(name) is not None
+    return name.lower().endswith(SUFFIXES)
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     """Opens a picture set: reads all names, and decodes one picture only.
 
     Raises:
-        DataError: a direction pair is missing or there twice, or the first picture is damaged.
+        DataError: a direction pair is missing or there twice, no name is like the pattern, or the
+            first picture is damaged.
     """
     source = Path(path)
-    pictures = PictureSet.scan(source, options)
-    return BTF(
-        name=material_name(source),
-        path=str(path),
-        height=pictures.size[0],
-        width=pictures.size[1],
-        view=checked_directions(unit_vectors(pictures.grid.view), f"the set of views in {source}"),
-        light=checked_directions(
-            unit_vectors(pictures.grid.light), f"the set of lights in {source}"
-        ),
-        bytes_per_value=pictures.bytes_per_value,
-        open_store=pictures.open_store,
-        hdr=None if pictures.codec.HDR else False,
-        missing=pictures.grid.missing,
-    )
+    files = list_files(source)
+    grid = find_grid(source, files, options)
+    notes = hole_notes(grid) + left_out_notes(source, files, grid, options.pattern)
+    return PictureSet.of(source, grid, options).btf(str(path), material_name(source), notes)
+
+
+def find_grid(path: Path, files: Sequence[str], options: ReadOptions) -> PictureGrid:
+    """The pictures of a zip or folder, arranged by the directions in their names.
+
+    Raises:
+        DataError: a direction pair is missing or there twice, or no picture has directions.
+    """
+    names = _named(files, options.pattern)
+    if not names:
+        raise _nothing_named(path, files, options.pattern)
+    parse = partial(parse_angles, pattern=options.pattern)
+    return arrange(names, path, parse, options.missing == "mask")
+
+
+def left_out_notes(
+    path: Path, files: Sequence[str], grid: PictureGrid, pattern: str | None = None
+) -> tuple[str, ...]:
+    """A line if files that are pictures, or named by directions, are not in the grid."""
+    taken = set(grid.files)
+    rest = [name for name in files if name not in taken]
+    lost = [name for name in rest if _is_picture(name) or parse_angles(name, pattern) is not None]
+    if not lost:
+        return ()
+    more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+    return (f"note: no part of the BTF in {path}: {lost[0]!r}{more}",)
 
 
 @dataclass(frozen=True)
@@ -111,8 +131,18 @@ class PictureSet:
         Raises:
             DataError: a direction pair is missing or there twice, or the first picture is damaged.
         """
-        grid = arrange(list_pictures(path), path, options.missing == "mask")
+        return cls.of(path, find_grid(path, list_files(path), options), options)
+
+    @classmethod
+    def of(cls, path: Path, grid: PictureGrid, options: ReadOptions) -> PictureSet:
+        """The picture set of a grid, by its first picture.
+
+        Raises:
+            DataError: a member of the zip has a form that cannot be read, or the first picture is
+                damaged.
+        """
         with open_archive(path) as archive:
+            archive.check([name for name in grid.files if name is not None])
             (payload,) = archive.read([grid.first])
         codec = codec_of(payload)
         try:
@@ -121,6 +151,31 @@ class PictureSet:
             raise unreadable(path, grid.first, error) from error
         size = (first.shape[0], first.shape[1])
         return cls(path, grid, codec, size, first.dtype, first.shape[2], options)
+
+    def btf(self, path: str, name: str, notes: tuple[str, ...] = ()) -> BTF:
+        """The BTF of these pictures.
+
+        Args:
+            path: as the user gave it.
+            name: of the material.
+            notes: lines about the input.
+
+        Raises:
+            DataError: two directions are the same.
+        """
+        return BTF(
+            name=name,
+            path=path,
+            height=self.size[0],
+            width=self.size[1],
+            view=checked_directions(unit_vectors(self.grid.view), f"the set of views in {path}"),
+            light=checked_directions(unit_vectors(self.grid.light), f"the set of lights in {path}"),
+            bytes_per_value=self.bytes_per_value,
+            open_store=self.open_store,
+            hdr=None if self.codec.HDR else False,
+            missing=self.grid.missing,
+            notes=notes,
+        )
 
     @property
     def bytes_per_value(self) -> float:
@@ -208,6 +263,17 @@ class PictureSet:
         return codes
 
 
+def _nothing_named(path: Path, files: Sequence[str], pattern: str | None) -> DataError:
+    """The error for a zip or folder without a picture whose name has directions."""
+    pictures = shown([name for name in files if _is_picture(name)])
+    there = f"the first one is {pictures[0]!r}" if pictures else "it holds no pictures"
+    wanted = EXPECTED if pattern is None else f"names like the pattern {pattern!r}"
+    return DataError(
+        f"{path} has no picture with directions in its name: {there}; expected {wanted}; mend the "
+        f"names, or give the pattern that they follow with --pattern (data.pattern)."
+    )
+
+
 def _codes(codec: Codec, payload: bytes) -> np.ndarray:
     """Codes `[H, W, B]` of a picture; a ValueError if it is of another codec."""
     if not codec.accepts(payload):
@@ -226,8 +292,8 @@ def _fingerprint(path: Path, names: Sequence[str]) -> list[tuple[str, int | str]
             with ThreadPoolExecutor() as pool:
                 hashes = pool.map(lambda name: file_hash(path / name), names)
                 return list(zip(names, hashes, strict=True))
-        with open_zip(path) as handle:
-            return [(name, handle.getinfo(name).CRC) for name in names]
+        with open_archive(path) as archive:
+            return [(name, archive.checksum(name)) for name in names]
     except (OSError, KeyError) as error:
         raise DataError(
             f"a picture in {path} cannot be read any more ({error}); expected all that were there "
