@@ -21,6 +21,7 @@ from .settings import escaped, in_yaml, settings_lines
 SHORT: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("device", "--device", {"metavar": "DEVICE"}),
     ("seed", "--seed", {"type": int, "metavar": "N"}),
+    ("data.pattern", "--pattern", {"metavar": "NAMES"}),
     ("data.crop", "--crop", {"type": rectangle, "metavar": "X,Y,W,H"}),
     ("data.texels", "--texels", {"type": int, "metavar": "N"}),
     ("data.directions", "--directions", {"metavar": "K"}),
