@@ -18,7 +18,7 @@ from .arrays import check_layout, numpy_values, opener_in_memory
 from .displaced import DisplacedStore
 from .options import ReadOptions
 from .percentile import percentile
-from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chunks
+from .store import WHOLE, Loading, Part, Progress, ScaledStore, Store, float_chunks
 
 # Fraction of all values that the peak of an HDR BTF does not exceed.
 PEAK_FRACTION = 0.999
@@ -207,8 +207,8 @@ class BTF:
         if self._store is None:
             store = self.open_store(self.part, Loading(progress, memory, cache, self.negative))
             if self.cosine_missing:
-                cosine = self.light[:, 2].clamp(min=0.0).repeat(len(self.view))  # [D]
-                store = CosineStore(store, cosine)
+                cosine = self.light[:, 2:].clamp(min=0.0)  # [L, 1]
+                store = ScaledStore(store, cosine, len(self.view))
             self._store = store
         return self
 

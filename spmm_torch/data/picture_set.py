@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from torch import Tensor
 
 from ..errors import DataError, alternatives
 from .btf import BTF
@@ -27,7 +28,7 @@ from .file_names import parse_angles
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .picture_grid import PictureGrid, arrange, hole_notes, unit_vectors
 from .pictures import Archive, list_files, material_name, open_archive, shown, unreadable
-from .store import Loading, Part, Store
+from .store import Loading, Part, ScaledStore, Store
 from .transpose import Place, ViewSource, open_store
 
 KINDS = alternatives([codec.TITLE for codec in reversed(CODECS)])
@@ -114,6 +115,8 @@ class PictureSet:
         size: (height, width) of every picture.
         dtype, width: type and number of the code elements of a pixel.
         options: options of the reader.
+        intensity: intensity of each light by channel, which values are divided by, `[L, 3]`; None:
+            all lights are alike.
     """
 
     path: Path
@@ -123,6 +126,7 @@ class PictureSet:
     dtype: np.dtype
     width: int
     options: ReadOptions
+    intensity: Tensor | None = None
 
     @classmethod
     def scan(cls, path: Path, options: ReadOptions) -> PictureSet:
@@ -134,7 +138,13 @@ class PictureSet:
         return cls.of(path, find_grid(path, list_files(path), options), options)
 
     @classmethod
-    def of(cls, path: Path, grid: PictureGrid, options: ReadOptions) -> PictureSet:
+    def of(
+        cls,
+        path: Path,
+        grid: PictureGrid,
+        options: ReadOptions,
+        intensity: Tensor | None = None,
+    ) -> PictureSet:
         """The picture set of a grid, by its first picture.
 
         Raises:
@@ -150,7 +160,8 @@ class PictureSet:
         except DECODE_ERRORS as error:
             raise unreadable(path, grid.first, error) from error
         size = (first.shape[0], first.shape[1])
-        return cls(path, grid, codec, size, first.dtype, first.shape[2], options)
+        width = first.shape[2]
+        return cls(path, grid, codec, size, first.dtype, width, options, intensity)
 
     def btf(self, path: str, name: str, notes: tuple[str, ...] = ()) -> BTF:
         """The BTF of these pictures.
@@ -172,7 +183,7 @@ class PictureSet:
             light=checked_directions(unit_vectors(self.grid.light), f"the set of lights in {path}"),
             bytes_per_value=self.bytes_per_value,
             open_store=self.open_store,
-            hdr=None if self.codec.HDR else False,
+            hdr=None if self.codec.HDR or self.intensity is not None else False,
             missing=self.grid.missing,
             notes=notes,
         )
@@ -214,7 +225,11 @@ class PictureSet:
         columns = self.size[1] if part.texels is None else 0
         expand = self.codec.expansion(self.options.gamma)
         source = ViewSource(str(self.path), shape, self.dtype, expand, decode, key, columns)
-        return open_store(source, loading)
+        store = open_store(source, loading)
+        if self.intensity is None:
+            return store
+        intensity = self.intensity if part.lights is None else self.intensity[part.lights]
+        return ScaledStore(store, 1.0 / intensity, len(files))
 
     def _files(self, part: Part) -> list[list[str | None]]:
         """File names `[V'][L']` of the pictures of a part; None for missing ones."""

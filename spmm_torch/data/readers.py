@@ -25,6 +25,7 @@ NAMES = (
     "ubo2014",
     "npz",
     "picture_set",
+    "rti",
 )
 SAMPLE_NAME = "WEAVE40.zip"
 # Suffixes of files that are a BTF by themselves, and that a zip may hold.
@@ -68,7 +69,7 @@ def load_btf(
     """Opens a BTF of any known format; its values are decoded at first use.
 
     Args:
-        path: a zip, folder, `.btf` or NPZ file.
+        path: a zip, folder, `.btf`, NPZ or `.lp` file.
         options: options of the reader.
         selection: part to take; None: all of it.
         seed: seed of the random choice of texels, if the selection has a number of them.
