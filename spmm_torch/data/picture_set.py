@@ -2,66 +2,48 @@
 
 File names give the directions: `<NAME>/MANYFILES/tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`
 has the polar angles t and azimuths p, in degrees, of light l and view v; other names are read by a
-pattern. The first bytes of a file
-give its format: JPEG and PNG (UBO2003), Radiance (ATRIUM) or OpenEXR. 8-bit pictures are
-gamma-encoded, the others linear; all values contain the cosine of the light.
+pattern. The first bytes of a file give its format: JPEG and PNG (UBO2003), Radiance (ATRIUM) or
+OpenEXR. 8-bit pictures are gamma-encoded, the others linear; all values contain the cosine of the
+light.
 """
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 from torch import Tensor
 
-from ..errors import DataError, alternatives
+from ..errors import DataError
 from .btf import BTF
 from .cache import entry_key, file_hash
-from .codecs import CODECS, DECODE_ERRORS, SUFFIXES, Codec, codec_of
+from .codecs import DECODE_ERRORS, Codec, codec_of
 from .directions import checked_directions
-from .file_names import parse_angles
+from .named_pictures import EXPECTED, find_grid, left_out_notes, list_pictures
 from .options import DEFAULT_OPTIONS, ReadOptions
-from .picture_grid import PictureGrid, arrange, hole_notes, unit_vectors
-from .pictures import Archive, list_files, material_name, open_archive, shown, unreadable
+from .picture_grid import PictureGrid, hole_notes, unit_vectors
+from .pictures import (
+    Archive,
+    is_container,
+    list_files,
+    material_name,
+    open_archive,
+    unreadable,
+)
 from .store import Loading, Part, ScaledStore, Store
 from .transpose import Place, ViewSource, open_store
 
-KINDS = alternatives([codec.TITLE for codec in reversed(CODECS)])
-EXPECTED = (
-    f"a zip or folder of {KINDS} pictures named by their angles "
-    "(like '00008 tl000 pl000 tv030 pv030.jpg')"
-)
+__all__ = ["EXPECTED", "PictureSet", "accepts", "read"]
+
 CHANNELS = 3
 
 
 def accepts(path: Path) -> bool:
     """Whether a folder or zip has at least one picture named by its directions."""
     return is_container(path) and bool(list_pictures(path))
-
-
-def is_container(path: Path) -> bool:
-    """Whether a path is a folder or a zip."""
-    return path.is_dir() or zipfile.is_zipfile(path)
-
-
-def list_pictures(path: Path) -> list[str]:
-    """Names of the pictures in a zip or folder that are named by their directions."""
-    return _named(list_files(path), None)
-
-
-def _named(files: Sequence[str], pattern: str | None) -> list[str]:
-    """Names of the pictures among files that are named by their directions."""
-    named = (name for name in files if parse_angles(name, pattern) is not None)
-    return shown([name for name in named if _is_picture(name)])
-
-
-def _is_picture(name: str) -> bool:
-    return name.lower().endswith(SUFFIXES)
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
@@ -76,32 +58,6 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     grid = find_grid(source, files, options)
     notes = hole_notes(grid) + left_out_notes(source, files, grid, options.pattern)
     return PictureSet.of(source, grid, options).btf(str(path), material_name(source), notes)
-
-
-def find_grid(path: Path, files: Sequence[str], options: ReadOptions) -> PictureGrid:
-    """The pictures of a zip or folder, arranged by the directions in their names.
-
-    Raises:
-        DataError: a direction pair is missing or there twice, or no picture has directions.
-    """
-    names = _named(files, options.pattern)
-    if not names:
-        raise _nothing_named(path, files, options.pattern)
-    parse = partial(parse_angles, pattern=options.pattern)
-    return arrange(names, path, parse, options.missing == "mask")
-
-
-def left_out_notes(
-    path: Path, files: Sequence[str], grid: PictureGrid, pattern: str | None = None
-) -> tuple[str, ...]:
-    """A line if files that are pictures, or named by directions, are not in the grid."""
-    taken = set(grid.files)
-    rest = [name for name in files if name not in taken]
-    lost = [name for name in rest if _is_picture(name) or parse_angles(name, pattern) is not None]
-    if not lost:
-        return ()
-    more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-    return (f"note: no part of the BTF in {path}: {lost[0]!r}{more}",)
 
 
 @dataclass(frozen=True)
@@ -146,6 +102,12 @@ class PictureSet:
         intensity: Tensor | None = None,
     ) -> PictureSet:
         """The picture set of a grid, by its first picture.
+
+        Args:
+            path: zip or folder.
+            grid: directions and file names.
+            options: options of the reader.
+            intensity: see `PictureSet`, `[L, 3]`.
 
         Raises:
             DataError: a member of the zip has a form that cannot be read, or the first picture is
@@ -276,17 +238,6 @@ class PictureSet:
                 f"{self.dtype} like the first one; store all pictures alike."
             )
         return codes
-
-
-def _nothing_named(path: Path, files: Sequence[str], pattern: str | None) -> DataError:
-    """The error for a zip or folder without a picture whose name has directions."""
-    pictures = shown([name for name in files if _is_picture(name)])
-    there = f"the first one is {pictures[0]!r}" if pictures else "it holds no pictures"
-    wanted = EXPECTED if pattern is None else f"names like the pattern {pattern!r}"
-    return DataError(
-        f"{path} has no picture with directions in its name: {there}; expected {wanted}; mend the "
-        f"names, or give the pattern that they follow with --pattern (data.pattern)."
-    )
 
 
 def _codes(codec: Codec, payload: bytes) -> np.ndarray:

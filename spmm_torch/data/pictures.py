@@ -103,6 +103,11 @@ def _check_readable(path: Path, name: str, member: zipfile.ZipInfo) -> None:
     )
 
 
+def is_container(path: Path) -> bool:
+    """Whether a path is a folder or a zip."""
+    return path.is_dir() or zipfile.is_zipfile(path)
+
+
 @contextmanager
 def open_archive(path: Path) -> Iterator[Archive]:
     """Opens a folder or a zip for reading.

@@ -17,7 +17,7 @@ from . import picture_set
 from .btf import BTF
 from .codecs import SUFFIXES
 from .options import DEFAULT_OPTIONS, ReadOptions
-from .pictures import list_files, shown
+from .pictures import is_container, list_files, shown
 from .selection import Selection, select_part
 
 # The first reader in this order that accepts a path reads it.
@@ -122,7 +122,7 @@ def _reader_of(path: Path, options: ReadOptions) -> Reader | None:
     """The reader of a file or folder; a pattern of names makes any zip or folder a picture set."""
     for reader in READERS:
         named = reader is picture_set and options.pattern is not None
-        if reader.accepts(path) or (named and picture_set.is_container(path)):
+        if reader.accepts(path) or (named and is_container(path)):
             return reader
     return None
 
@@ -161,7 +161,7 @@ def _complaint(path: Path) -> str:
 
 def _remedy(path: Path) -> str:
     """What to do about a path that no reader accepts."""
-    files = list_files(path) if picture_set.is_container(path) else []
+    files = list_files(path) if is_container(path) else []
     if packed := [name for name in files if name.lower().endswith(PACKED)]:
         return f"unpack {packed[0]!r} and give that"
     if any(name.lower().endswith(SUFFIXES) for name in files):

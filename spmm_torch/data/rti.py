@@ -18,10 +18,11 @@ from torch import Tensor
 from ..errors import DataError
 from .btf import BTF
 from .light_list import Light, parse_intensities, parse_lights
+from .named_pictures import left_out_notes
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .picture_grid import PictureGrid
-from .picture_set import PictureSet, is_container, left_out_notes
-from .pictures import list_files, material_name, open_archive, shown
+from .picture_set import PictureSet
+from .pictures import is_container, list_files, material_name, open_archive, shown
 
 EXPECTED = "pictures with an .lp list of their lights (RTI)"
 SUFFIX = ".lp"
