@@ -21,6 +21,7 @@ from .settings import escaped, in_yaml, settings_lines
 SHORT: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("device", "--device", {"metavar": "DEVICE"}),
     ("seed", "--seed", {"type": int, "metavar": "N"}),
+    ("data.pattern", "--pattern", {"metavar": "NAMES"}),
     ("data.crop", "--crop", {"type": rectangle, "metavar": "X,Y,W,H"}),
     ("data.texels", "--texels", {"type": int, "metavar": "N"}),
     ("data.directions", "--directions", {"metavar": "K"}),
@@ -37,7 +38,8 @@ def add_options(parser: Parser) -> None:
         "input",
         type=file_name,
         metavar="INPUT",
-        help="BTF: zip or folder of pictures (UBO2003, ATRIUM, OpenEXR), UBO2014 .btf, or NPZ",
+        help="BTF: zip or folder of pictures (UBO2003, ATRIUM, UTIA, OpenEXR, RTI), UBO2014 .btf, "
+        "or NPZ",
     )
     add_output(parser, "RUN", "run folder to make")
     add(

@@ -24,6 +24,8 @@ def decode(btf: BTF, progress: Progress, cache: str | None = None) -> None:
     """
     from spmm_torch.runtime.memory import DEFAULT_FRACTION, free_memory
 
+    for note in btf.notes:
+        progress.say(note)
     folder = None if cache is None else Path(cache)
     with progress.stage("load", len(btf.view), "views") as stage:
         btf.load(stage.to, memory=int(DEFAULT_FRACTION * free_memory()), cache=folder)

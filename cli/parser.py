@@ -82,12 +82,18 @@ def add_output(parser: Group, metavar: str, meaning: str, *, required: bool = Tr
 
 
 def add_against(parser: Group) -> None:
-    """The option --against, for commands that need what was measured beside the model."""
+    """The options for commands that need what was measured beside the model."""
     parser.add_argument(
         "--against",
         type=file_name,
         metavar="INPUT",
         help="BTF to compare with (default: the input of RUN)",
+    )
+    parser.add_argument(
+        "--pattern",
+        metavar="NAMES",
+        help="how its pictures are named, such as L{tl}_{pl}_V{tv}_{pv} (default: as those that "
+        "RUN was fitted to)",
     )
 
 

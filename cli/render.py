@@ -29,7 +29,7 @@ def add_options(parser: Parser) -> None:
     add("run", nargs="?", type=file_name, metavar="RUN", help="run folder or model file")
     add_output(parser, "OUT", "picture to make: .png, .exr (linear), or .gif of a turntable")
     add("--input", type=file_name, metavar="BTF", help="BTF to render instead of RUN")
-    add_settings(parser, DataConfig, "cosine", "negative")
+    add_settings(parser, DataConfig, "cosine", "negative", "pattern")
     add_settings(parser, SceneConfig, "shape", "repeat", "camera")
     add(
         "--light",

@@ -36,15 +36,17 @@ def add_setting(parser: Group, item: Field[Any], kind: type) -> None:
     if kind is bool:
         parser.add_argument(option, action="store_true", help=escaped(meaning))
         return
+    kind = next((each for each in typing.get_args(kind) if each is not type(None)), kind)
     choices = item.metadata["choices"]
     span = "" if choices else allowed(item.metadata)
+    default = "null" if item.default is None else item.default
     parser.add_argument(
         option,
         type=kind,
         default=item.default,
         choices=choices,
         metavar=None if choices else METAVARS.get(kind, item.name.upper()),
-        help=escaped(f"{'; '.join(filter(None, [meaning, span]))} (default: {item.default})"),
+        help=escaped(f"{'; '.join(filter(None, [meaning, span]))} (default: {default})"),
     )
 
 

@@ -32,6 +32,7 @@ def load_source(options: argparse.Namespace, progress: Progress) -> Source:
     from spmm_torch.evaluate import open_source
     from spmm_torch.runtime.device import resolve_device
 
-    source = open_source(options.run, options.against, resolve_device(options.device))
+    device = resolve_device(options.device)
+    source = open_source(options.run, options.against, device, options.pattern)
     decode(source.btf, progress, options.cache)
     return source

@@ -96,7 +96,7 @@ def scene_of(options: argparse.Namespace, model: SPMM) -> Scene:
         return mosaic_scene(model, options.mosaic, wo)
     x, y = options.texel or (model.width // 2, model.height // 2)
     index = texel_index(model, x, y)
-    btf = measured_input(Path(options.run), options.against)
+    btf = measured_input(Path(options.run), options.against, options.pattern)
     measured = None if btf is None else measured_samples(btf, model, index, wo)
     name = f"Texel {x}, {y} of {model.name or 'the model'}"
     return texel_scene(name, texel_lobes(model, index), wo, measured)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch
@@ -65,10 +65,11 @@ def _places(model: SPMM, texel: int, wo: Tensor) -> tuple[Tensor, Tensor]:
     return index, weight
 
 
-def measured_input(run: Path, against: str | None) -> BTF | None:
+def measured_input(run: Path, against: str | None, pattern: str | None = None) -> BTF | None:
     """The BTF `against`, or else the input of the run; None where that no longer exists.
 
-    It is read with the data settings of the run: gamma, cosine and crop.
+    It is read with the data settings of the run: gamma, cosine and crop, and the names of pictures
+    unless `pattern` says how they are named.
 
     Raises:
         DataError: the BTF cannot be read.
@@ -81,4 +82,5 @@ def measured_input(run: Path, against: str | None) -> BTF | None:
         against = json.loads(report_file.read_text(encoding="utf-8")).get("input")
         if not against or not Path(against).exists():
             return None
-    return load_input(against, config.data, config.seed)
+    settings = replace(config.data, pattern=pattern or config.data.pattern)
+    return load_input(against, settings, config.seed)

@@ -45,6 +45,12 @@ class DataConfig:
         "counts there)",
         choices=("refuse", "mask"),
     )
+    pattern: str | None = setting(
+        None,
+        "how pictures are named, such as L{tl}_{pl}_V{tv}_{pv}: polar angle t and azimuth p of "
+        "light l and view v, in degrees, * for any text; null: each angle behind its letters tl, "
+        "pl, tv or pv",
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to fit: left column, top row, width, height; null: all", low=0
     )

@@ -18,7 +18,7 @@ from .arrays import check_layout, numpy_values, opener_in_memory
 from .displaced import DisplacedStore
 from .options import ReadOptions
 from .percentile import percentile
-from .store import WHOLE, CosineStore, Loading, Part, Progress, Store, float_chunks
+from .store import WHOLE, Loading, Part, Progress, ScaledStore, Store, float_chunks
 
 # Fraction of all values that the peak of an HDR BTF does not exceed.
 PEAK_FRACTION = 0.999
@@ -47,6 +47,7 @@ class BTF:
         cosine_missing: whether values are yet to be multiplied by the cosine of the light.
         negative: treatment of values below zero: "refuse", "clip" to zero, or "keep".
         missing: direction pairs without values (zeros stand for them), `[V, L]` bool; None: none.
+        notes: lines about the input that whoever reads it ought to see.
     """
 
     name: str
@@ -64,6 +65,7 @@ class BTF:
     cosine_missing: bool = False
     negative: str = "refuse"
     missing: Tensor | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = field(default=(), repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
@@ -205,8 +207,8 @@ class BTF:
         if self._store is None:
             store = self.open_store(self.part, Loading(progress, memory, cache, self.negative))
             if self.cosine_missing:
-                cosine = self.light[:, 2].clamp(min=0.0).repeat(len(self.view))  # [D]
-                store = CosineStore(store, cosine)
+                cosine = self.light[:, 2:].clamp(min=0.0)  # [L, 1]
+                store = ScaledStore(store, cosine, len(self.view))
             self._store = store
         return self
 

@@ -15,7 +15,7 @@ from PIL import Image, JpegImagePlugin
 from ..errors import DataError
 from ..runtime.atomic import new_file, zip_member
 from .codecs import DECODE_ERRORS
-from .picture_set import list_pictures
+from .named_pictures import list_pictures
 from .pictures import open_archive, unreadable
 
 # Pixels along a block of JPEG: 8, or 16 where colour is subsampled.

@@ -22,7 +22,7 @@ from ..errors import DataError
 from .arrays import ArrayHeader, array_opener, check_layout
 from .btf import BTF
 from .options import DEFAULT_OPTIONS, ReadOptions
-from .pictures import ZIP_ERRORS, material_name, open_zip
+from .pictures import ZIP_ERRORS, innermost_zip, material_name, open_zip
 
 EXPECTED = "an NPZ with values, view and light"
 MEMBERS = ("values", "view", "light")
@@ -65,7 +65,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
 
 def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
     """Header of the values, views `[V, 3]` and lights `[L, 3]`."""
-    with zipfile.ZipFile(path) as handle:
+    with innermost_zip(path) as handle:
         names = handle.namelist()
         for key in MEMBERS:
             if f"{key}.npy" not in names:
@@ -132,7 +132,7 @@ def _iterate_views(path: Path, header: ArrayHeader, chosen: Sequence[int]) -> It
     shape = header.shape[1:]
     size = math.prod(shape) * header.dtype.itemsize
     try:
-        with zipfile.ZipFile(path) as handle, handle.open("values.npy") as stream:
+        with innermost_zip(path) as handle, handle.open("values.npy") as stream:
             _read_header(stream)
             start = stream.tell()
             if header.fortran_order:

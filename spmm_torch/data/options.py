@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from ..config.fit import DataConfig
 from ..errors import ConfigError
+from .file_names import compiled
 
 # Exponent that turns the codes of display-encoded pictures into linear values.
 DISPLAY_GAMMA = 2.2
@@ -33,9 +34,11 @@ class ReadOptions:
             "refuse" the BTF, "clip" them to zero, which makes dark texels brighter on average, or
             "keep" them. A `.btf` file has none, as its format clips them.
         missing: treatment of direction pairs without a picture: "refuse" the BTF, or "mask" them.
+        pattern: where the angles are in names of pictures, such as "L{tl}_{pl}_V{tv}_{pv}"; None:
+            behind "tl", "pl", "tv" and "pv".
 
     Raises:
-        ConfigError: a value is out of its range.
+        ConfigError: a value is out of its range, or the pattern is malformed.
     """
 
     gamma: float = DISPLAY_GAMMA
@@ -43,6 +46,7 @@ class ReadOptions:
     cosine: str = "auto"
     negative: str = "refuse"
     missing: str = "refuse"
+    pattern: str | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gamma) and self.gamma > 0.0):
@@ -60,6 +64,8 @@ class ReadOptions:
             value = getattr(self, name)
             if value not in choices:
                 raise ConfigError(f"{name} is {value!r}; expected one of {', '.join(choices)}.")
+        if self.pattern is not None:
+            compiled(self.pattern)
 
     @classmethod
     def of(cls, settings: DataConfig) -> ReadOptions:
@@ -69,6 +75,7 @@ class ReadOptions:
             cosine=settings.cosine,
             negative=settings.negative,
             missing=settings.missing,
+            pattern=settings.pattern,
         )
 
     @property

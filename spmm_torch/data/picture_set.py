@@ -1,86 +1,63 @@
 """Reader of picture sets: a zip or folder of one picture for each direction pair.
 
 File names give the directions: `<NAME>/MANYFILES/tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`
-has the polar angles t and azimuths p, in degrees, of light l and view v. The first bytes of a file
-give its format: JPEG and PNG (UBO2003), Radiance (ATRIUM) or OpenEXR. 8-bit pictures are
-gamma-encoded, the others linear; all values contain the cosine of the light.
+has the polar angles t and azimuths p, in degrees, of light l and view v; other names are read by a
+pattern. The first bytes of a file give its format: JPEG and PNG (UBO2003), Radiance (ATRIUM) or
+OpenEXR. 8-bit pictures are gamma-encoded, the others linear; all values contain the cosine of the
+light.
 """
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from torch import Tensor
 
-from ..errors import DataError, alternatives
+from ..errors import DataError
 from .btf import BTF
 from .cache import entry_key, file_hash
-from .codecs import CODECS, DECODE_ERRORS, SUFFIXES, Codec, codec_of
+from .codecs import DECODE_ERRORS, Codec, codec_of
 from .directions import checked_directions
+from .named_pictures import EXPECTED, find_grid, left_out_notes, list_pictures
 from .options import DEFAULT_OPTIONS, ReadOptions
+from .picture_grid import PictureGrid, hole_notes, unit_vectors
 from .pictures import (
     Archive,
-    PictureGrid,
-    arrange,
+    is_container,
     list_files,
     material_name,
     open_archive,
-    open_zip,
-    parse_angles,
-    unit_vectors,
     unreadable,
 )
-from .store import Loading, Part, Store
+from .store import Loading, Part, ScaledStore, Store
 from .transpose import Place, ViewSource, open_store
 
-KINDS = alternatives([codec.TITLE for codec in reversed(CODECS)])
-EXPECTED = (
-    f"a zip or folder of {KINDS} pictures named by their angles "
-    "(like '00008 tl000 pl000 tv030 pv030.jpg')"
-)
+__all__ = ["EXPECTED", "PictureSet", "accepts", "read"]
+
 CHANNELS = 3
 
 
 def accepts(path: Path) -> bool:
     """Whether a folder or zip has at least one picture named by its directions."""
-    return (path.is_dir() or zipfile.is_zipfile(path)) and any(map(_is_picture, list_files(path)))
-
-
-def list_pictures(path: Path) -> list[str]:
-    """Names of the pictures in a zip or folder that are named by their directions."""
-    return [name for name in list_files(path) if _is_picture(name)]
-
-
-def _is_picture(name: str) -> bool:
-    return name.lower().endswith(SUFFIXES) and parse_angles(name) is not None
+    return is_container(path) and bool(list_pictures(path))
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     """Opens a picture set: reads all names, and decodes one picture only.
 
     Raises:
-        DataError: a direction pair is missing or there twice, or the first picture is damaged.
+        DataError: a direction pair is missing or there twice, no name is like the pattern, or the
+            first picture is damaged.
     """
     source = Path(path)
-    pictures = PictureSet.scan(source, options)
-    return BTF(
-        name=material_name(source),
-        path=str(path),
-        height=pictures.size[0],
-        width=pictures.size[1],
-        view=checked_directions(unit_vectors(pictures.grid.view), f"the set of views in {source}"),
-        light=checked_directions(
-            unit_vectors(pictures.grid.light), f"the set of lights in {source}"
-        ),
-        bytes_per_value=pictures.bytes_per_value,
-        open_store=pictures.open_store,
-        hdr=None if pictures.codec.HDR else False,
-        missing=pictures.grid.missing,
-    )
+    files = list_files(source)
+    grid = find_grid(source, files, options)
+    notes = hole_notes(grid) + left_out_notes(source, files, grid, options.pattern)
+    return PictureSet.of(source, grid, options).btf(str(path), material_name(source), notes)
 
 
 @dataclass(frozen=True)
@@ -94,6 +71,8 @@ class PictureSet:
         size: (height, width) of every picture.
         dtype, width: type and number of the code elements of a pixel.
         options: options of the reader.
+        intensity: intensity of each light by channel, which values are divided by, `[L, 3]`; None:
+            all lights are alike.
     """
 
     path: Path
@@ -103,6 +82,7 @@ class PictureSet:
     dtype: np.dtype
     width: int
     options: ReadOptions
+    intensity: Tensor | None = None
 
     @classmethod
     def scan(cls, path: Path, options: ReadOptions) -> PictureSet:
@@ -111,8 +91,30 @@ class PictureSet:
         Raises:
             DataError: a direction pair is missing or there twice, or the first picture is damaged.
         """
-        grid = arrange(list_pictures(path), path, options.missing == "mask")
+        return cls.of(path, find_grid(path, list_files(path), options), options)
+
+    @classmethod
+    def of(
+        cls,
+        path: Path,
+        grid: PictureGrid,
+        options: ReadOptions,
+        intensity: Tensor | None = None,
+    ) -> PictureSet:
+        """The picture set of a grid, by its first picture.
+
+        Args:
+            path: zip or folder.
+            grid: directions and file names.
+            options: options of the reader.
+            intensity: see `PictureSet`, `[L, 3]`.
+
+        Raises:
+            DataError: a member of the zip has a form that cannot be read, or the first picture is
+                damaged.
+        """
         with open_archive(path) as archive:
+            archive.check([name for name in grid.files if name is not None])
             (payload,) = archive.read([grid.first])
         codec = codec_of(payload)
         try:
@@ -120,7 +122,33 @@ class PictureSet:
         except DECODE_ERRORS as error:
             raise unreadable(path, grid.first, error) from error
         size = (first.shape[0], first.shape[1])
-        return cls(path, grid, codec, size, first.dtype, first.shape[2], options)
+        width = first.shape[2]
+        return cls(path, grid, codec, size, first.dtype, width, options, intensity)
+
+    def btf(self, path: str, name: str, notes: tuple[str, ...] = ()) -> BTF:
+        """The BTF of these pictures.
+
+        Args:
+            path: as the user gave it.
+            name: of the material.
+            notes: lines about the input.
+
+        Raises:
+            DataError: two directions are the same.
+        """
+        return BTF(
+            name=name,
+            path=path,
+            height=self.size[0],
+            width=self.size[1],
+            view=checked_directions(unit_vectors(self.grid.view), f"the set of views in {path}"),
+            light=checked_directions(unit_vectors(self.grid.light), f"the set of lights in {path}"),
+            bytes_per_value=self.bytes_per_value,
+            open_store=self.open_store,
+            hdr=None if self.codec.HDR or self.intensity is not None else False,
+            missing=self.grid.missing,
+            notes=notes,
+        )
 
     @property
     def bytes_per_value(self) -> float:
@@ -159,7 +187,11 @@ class PictureSet:
         columns = self.size[1] if part.texels is None else 0
         expand = self.codec.expansion(self.options.gamma)
         source = ViewSource(str(self.path), shape, self.dtype, expand, decode, key, columns)
-        return open_store(source, loading)
+        store = open_store(source, loading)
+        if self.intensity is None:
+            return store
+        intensity = self.intensity if part.lights is None else self.intensity[part.lights]
+        return ScaledStore(store, 1.0 / intensity, len(files))
 
     def _files(self, part: Part) -> list[list[str | None]]:
         """File names `[V'][L']` of the pictures of a part; None for missing ones."""
@@ -226,8 +258,8 @@ def _fingerprint(path: Path, names: Sequence[str]) -> list[tuple[str, int | str]
             with ThreadPoolExecutor() as pool:
                 hashes = pool.map(lambda name: file_hash(path / name), names)
                 return list(zip(names, hashes, strict=True))
-        with open_zip(path) as handle:
-            return [(name, handle.getinfo(name).CRC) for name in names]
+        with open_archive(path) as archive:
+            return [(name, archive.checksum(name)) for name in names]
     except (OSError, KeyError) as error:
         raise DataError(
             f"a picture in {path} cannot be read any more ({error}); expected all that were there "

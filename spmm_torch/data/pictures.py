@@ -1,54 +1,30 @@
-"""Folders and zips of pictures that are named by their directions, as in UBO2003 and ATRIUM."""
+"""Folders and zips of pictures, and the files in them."""
 
 from __future__ import annotations
 
-import re
+import stat
 import threading
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from pathlib import Path
-
-import torch
-from torch import Tensor
+from pathlib import Path, PurePosixPath
 
 from ..errors import DataError
-from ..geometry.directions import direction_from_angles
+from .folder_files import folder_files, is_hidden
+from .inner_zip import inner_member, unpacked
 
-Direction = tuple[float, float]  # (theta, phi) in degrees, as in file names
-
-# "tl015", "pv_60", "tv 7.5": theta or phi of light or view, then degrees.
-ANGLE = re.compile(r"(?<![a-z])([tp][lv])[ _]*(-?\d+(?:\.\d+)?)", re.IGNORECASE)
 ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError)
-
-
-@dataclass(frozen=True)
-class PictureGrid:
-    """The pictures of every light under every view.
-
-    Attributes:
-        view, light: directions (theta, phi) in degrees, V and L of them.
-        files: file names in the order d = view * L + light; None for a pair without a picture.
-    """
-
-    view: tuple[Direction, ...]
-    light: tuple[Direction, ...]
-    files: tuple[str | None, ...]
-
-    @property
-    def first(self) -> str:
-        """The name of the first picture."""
-        return next(name for name in self.files if name is not None)
-
-    @property
-    def missing(self) -> Tensor | None:
-        """Whether each pair lacks a picture, `[V, L]` bool; None if none does."""
-        if None not in self.files:
-            return None
-        flat = torch.tensor([name is None for name in self.files])
-        return flat.view(len(self.view), len(self.light))
+# Names of methods of compression that the library of Python cannot undo, by their number in a zip.
+FOREIGN_METHODS = {9: "Deflate64", 93: "Zstandard", 95: "XZ", 96: "JPEG", 98: "PPMd", 99: "AES"}
+# Methods that it can undo; the last one from Python 3.14 on.
+METHODS = frozenset(
+    getattr(zipfile, name, zipfile.ZIP_STORED)
+    for name in ("ZIP_STORED", "ZIP_DEFLATED", "ZIP_BZIP2", "ZIP_LZMA", "ZIP_ZSTANDARD")
+)
+ENCRYPTED = 0x1  # flag of a member
+UNIX = 3  # number of the system whose modes are in the upper half of the attributes
+MAC_FOLDER = "__MACOSX"
 
 
 class Archive:
@@ -57,8 +33,19 @@ class Archive:
     def __init__(self, path: Path, handle: zipfile.ZipFile | None) -> None:
         self._path = path
         self._handle = handle
+        self._members = {} if handle is None else dict(_members(handle))
         # A ZipFile does not lock the count of its readers.
         self._lock = threading.Lock()
+
+    def check(self, names: Sequence[str]) -> None:
+        """Refuses members of a zip that no complete copy would make readable.
+
+        Raises:
+            DataError: a member is encrypted, or compressed in a way that Python does not know.
+        """
+        if self._handle is not None:
+            for name in names:
+                _check_readable(self._path, name, self._members[name])
 
     def read(self, names: Sequence[str]) -> list[bytes]:
         """The contents of some files, read in one go.
@@ -71,6 +58,14 @@ class Archive:
         with self._lock:
             return [self._read_member(self._handle, name) for name in names]
 
+    def checksum(self, name: str) -> int:
+        """The checksum of a member that a zip holds of it.
+
+        Raises:
+            KeyError: there is no such member.
+        """
+        return self._members[name].CRC
+
     def _read_file(self, name: str) -> bytes:
         try:
             return (self._path / name).read_bytes()
@@ -79,7 +74,7 @@ class Archive:
 
     def _read_member(self, handle: zipfile.ZipFile, name: str) -> bytes:
         try:
-            return handle.read(name)
+            return handle.read(self._members[name])
         except (*ZIP_ERRORS, OSError, KeyError) as error:
             raise unreadable(self._path, name, error) from error
 
@@ -90,6 +85,27 @@ def unreadable(path: Path, name: str, error: Exception) -> DataError:
         f"picture {name!r} in {path} cannot be read ({error}); expected a complete picture; "
         f"restore this file from the original data set."
     )
+
+
+def _check_readable(path: Path, name: str, member: zipfile.ZipInfo) -> None:
+    if member.flag_bits & ENCRYPTED:
+        fault = "is encrypted"
+    elif member.create_system == UNIX and stat.S_ISLNK(member.external_attr >> 16):
+        fault = "is a link"
+    elif member.compress_type not in METHODS:
+        method = FOREIGN_METHODS.get(member.compress_type, f"method {member.compress_type}")
+        fault = f"is compressed by {method}, which Python cannot undo"
+    else:
+        return
+    raise DataError(
+        f"{name!r} in {path} {fault}; expected plain files, stored or compressed by Deflate; "
+        f"unpack the zip with the program that made it, such as 7-Zip, and give the folder."
+    )
+
+
+def is_container(path: Path) -> bool:
+    """Whether a path is a folder or a zip."""
+    return path.is_dir() or zipfile.is_zipfile(path)
 
 
 @contextmanager
@@ -107,13 +123,14 @@ def open_archive(path: Path) -> Iterator[Archive]:
 
 
 def open_zip(path: Path) -> zipfile.ZipFile:
-    """Opens a zip for reading.
+    """Opens a zip for reading, or the zip in it that is most of it.
 
     Raises:
         DataError: the zip is damaged or cannot be read.
+        OutputError: there is no space to unpack the inner zip.
     """
     try:
-        return zipfile.ZipFile(path)
+        return innermost_zip(path)
     except (*ZIP_ERRORS, OSError) as error:
         raise DataError(
             f"{path} cannot be opened ({error}); expected a complete zip or a folder; "
@@ -121,34 +138,42 @@ def open_zip(path: Path) -> zipfile.ZipFile:
         ) from error
 
 
-def list_files(path: Path) -> list[str]:
-    """Sorted relative names of the files of a zip or folder, without hidden and macOS files.
+def innermost_zip(path: Path) -> zipfile.ZipFile:
+    """Opens a zip as `open_zip` does, with the errors of the library.
 
     Raises:
-        DataError: the zip is damaged or cannot be read.
+        DataError: the inner zip has a form that cannot be read.
+        OutputError: there is no space to unpack it.
+        OSError, zipfile.BadZipFile: the zip is damaged or cannot be read.
+    """
+    outer = zipfile.ZipFile(path)
+    inner = inner_member(list(_members(outer)))
+    if inner is None:
+        return outer
+    with outer:
+        _check_readable(path, *inner)
+        return zipfile.ZipFile(unpacked(path, inner[1]))
+
+
+def list_files(path: Path) -> list[str]:
+    """Sorted relative names of the files of a zip or folder, without those of macOS.
+
+    Files whose own name starts with a dot are left out.
+
+    Raises:
+        DataError: the zip is damaged, or a link in the folder leads nowhere.
     """
     if path.is_dir():
-        names = [file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file()]
+        names = folder_files(path)
     else:
         with open_zip(path) as handle:
-            names = [info.filename for info in handle.infolist() if not info.is_dir()]
-    return sorted(name for name in names if not _is_hidden(name))
+            names = [name for name, _ in _members(handle)]
+    return sorted(name for name in names if not _is_of_the_system(name))
 
 
-def _is_hidden(name: str) -> bool:
-    return any(part.startswith(".") or part == "__MACOSX" for part in name.split("/"))
-
-
-def parse_angles(name: str) -> tuple[Direction, Direction] | None:
-    """The directions (view, light) in a file name, in degrees; None if there are none.
-
-    Only the base name counts. Its four angles are in any order, with any number of digits.
-    """
-    found = ANGLE.findall(name.rpartition("/")[2])
-    angle = {key.lower(): float(value) for key, value in found}
-    if len(found) != 4 or len(angle) != 4:
-        return None
-    return _direction(angle["tv"], angle["pv"]), _direction(angle["tl"], angle["pl"])
+def shown(names: Sequence[str]) -> list[str]:
+    """The names without hidden folders; all of them if each lies in one."""
+    return [name for name in names if not is_hidden(name)] or list(names)
 
 
 def material_name(path: Path) -> str:
@@ -157,67 +182,15 @@ def material_name(path: Path) -> str:
     return resolved.name if resolved.is_dir() else resolved.stem
 
 
-def _direction(theta: float, phi: float) -> Direction:
-    """The direction with an azimuth in [0, 360) degrees, 0 at the pole."""
-    return theta, (0.0 if theta == 0.0 else phi % 360.0)
+def _members(handle: zipfile.ZipFile) -> Iterator[tuple[str, zipfile.ZipInfo]]:
+    """Files in a zip, with names as they would be in a folder."""
+    for member in handle.infolist():
+        # Windows writes back-slashes, and some programs "./" in front.
+        name = member.filename.replace("\\", "/")
+        if not name.endswith("/"):
+            yield str(PurePosixPath(name)), member
 
 
-def arrange(names: Iterable[str], path: Path, mask: bool = False) -> PictureGrid:
-    """Arranges pictures by all pairs of their views and lights.
-
-    Args:
-        names: file names of the pictures.
-        path: zip or folder of the pictures, for messages.
-        mask: whether pairs may be missing.
-
-    Raises:
-        DataError: a direction pair is missing or there twice, or a direction is below the horizon.
-    """
-    files: dict[tuple[Direction, Direction], str] = {}
-    for name in names:
-        pair = parse_angles(name)
-        if pair is None:
-            continue
-        _check_above_horizon(pair, name, path)
-        if pair in files:
-            raise DataError(
-                f"{path} holds {_describe(pair)} twice, as {files[pair]!r} and {name!r}; expected "
-                f"each direction pair once; remove one of them, or split two materials."
-            )
-        files[pair] = name
-    view = tuple(sorted({pair[0] for pair in files}))
-    light = tuple(sorted({pair[1] for pair in files}))
-    product = [(v, l) for v in view for l in light]  # noqa: E741
-    missing = [pair for pair in product if pair not in files]
-    if missing and not mask:
-        raise DataError(
-            f"{path} lacks {_describe(missing[0])} ({len(missing)} missing of {len(product)} "
-            f"pairs = {len(view)} views x {len(light)} lights); expected a picture of every light "
-            f"under every view; add the missing pictures, remove the misnamed ones, or go on "
-            f"without them by data.missing=mask."
-        )
-    return PictureGrid(view, light, tuple(files.get(pair) for pair in product))
-
-
-def _check_above_horizon(pair: tuple[Direction, Direction], name: str, path: Path) -> None:
-    for theta, _ in pair:
-        if not 0.0 <= theta <= 90.0:
-            raise DataError(
-                f"picture {name!r} in {path} has a polar angle of {theta:g} degrees, under the "
-                f"horizon; expected 0 to 90, counted from the surface normal; rename or remove it."
-            )
-
-
-def _describe(pair: tuple[Direction, Direction]) -> str:
-    """The pair (view, light) in words."""
-    (view_theta, view_phi), (light_theta, light_phi) = pair
-    return (
-        f"the pair light (theta {light_theta:g}, phi {light_phi:g}), "
-        f"view (theta {view_theta:g}, phi {view_phi:g})"
-    )
-
-
-def unit_vectors(directions: Sequence[Direction]) -> Tensor:
-    """Unit vectors `[N, 3]` float32 of N directions in degrees."""
-    theta, phi = torch.deg2rad(torch.tensor(directions, dtype=torch.float64)).unbind(-1)
-    return direction_from_angles(theta, phi).float()
+def _is_of_the_system(name: str) -> bool:
+    parts = name.split("/")
+    return MAC_FOLDER in parts or parts[-1].startswith(".")

@@ -13,8 +13,11 @@ from typing import Any, Protocol, cast
 
 from ..config.fit import DataConfig
 from ..errors import DataError, alternatives
+from . import picture_set
 from .btf import BTF
+from .codecs import SUFFIXES
 from .options import DEFAULT_OPTIONS, ReadOptions
+from .pictures import is_container, list_files, shown
 from .selection import Selection, select_part
 
 # The first reader in this order that accepts a path reads it.
@@ -22,8 +25,11 @@ NAMES = (
     "ubo2014",
     "npz",
     "picture_set",
+    "rti",
 )
 SAMPLE_NAME = "WEAVE40.zip"
+# Suffixes of files that are a BTF by themselves, and that a zip may hold.
+PACKED = (".zip", ".btf", ".npz")
 
 
 class Reader(Protocol):
@@ -63,7 +69,7 @@ def load_btf(
     """Opens a BTF of any known format; its values are decoded at first use.
 
     Args:
-        path: a zip, folder, `.btf` or NPZ file.
+        path: a zip, folder, `.btf`, NPZ or `.lp` file.
         options: options of the reader.
         selection: part to take; None: all of it.
         seed: seed of the random choice of texels, if the selection has a number of them.
@@ -98,18 +104,46 @@ def _read(path: Path | str, options: ReadOptions) -> BTF:
     if not source.exists():
         raise DataError(f"{path} does not exist; {_expected()}; check the path.")
     try:
-        for reader in READERS:
-            if reader.accepts(source):
-                btf = reader.read(path, options)
-                missing = {"auto": btf.cosine_missing, "included": False, "missing": True}
-                return replace(
-                    btf, cosine_missing=missing[options.cosine], negative=options.negative
-                )
+        reader = _reader_of(source, options)
+        if reader is None and source.is_dir() and (inner := _only_btf_in(source)) is not None:
+            return _read(inner, options)
     except OSError as error:
         raise DataError(
             f"{path} cannot be read ({error}); {_expected()}; check its permissions."
         ) from error
-    raise DataError(f"{path} {_complaint(source)}; {_expected()}; check that it is the right one.")
+    if reader is None:
+        raise DataError(f"{path} {_complaint(source)}; {_expected()}; {_remedy(source)}.")
+    btf = reader.read(path, options)
+    missing = {"auto": btf.cosine_missing, "included": False, "missing": True}
+    return replace(btf, cosine_missing=missing[options.cosine], negative=options.negative)
+
+
+def _reader_of(path: Path, options: ReadOptions) -> Reader | None:
+    """The reader of a file or folder; a pattern of names makes any zip or folder a picture set."""
+    for reader in READERS:
+        named = reader is picture_set and options.pattern is not None
+        if reader.accepts(path) or (named and is_container(path)):
+            return reader
+    return None
+
+
+def _only_btf_in(folder: Path) -> Path | None:
+    """The one BTF that lies in a folder; None if there is none.
+
+    Raises:
+        DataError: there are several.
+    """
+    names = [
+        name
+        for name in shown(list_files(folder))
+        if any(reader.accepts(folder / name) for reader in READERS)
+    ]
+    if len(names) > 1:
+        raise DataError(
+            f"{folder} holds {len(names)} BTFs, {names[0]!r} and {names[1]!r} among them; expected "
+            f"one; give the path of one of them."
+        )
+    return folder / names[0] if names else None
 
 
 def _expected() -> str:
@@ -123,3 +157,13 @@ def _complaint(path: Path) -> str:
     if zipfile.is_zipfile(path):
         return "is a zip without BTF pictures"
     return "is neither a complete zip nor a folder, nor a file of another known format"
+
+
+def _remedy(path: Path) -> str:
+    """What to do about a path that no reader accepts."""
+    files = list_files(path) if is_container(path) else []
+    if packed := [name for name in files if name.lower().endswith(PACKED)]:
+        return f"unpack {packed[0]!r} and give that"
+    if any(name.lower().endswith(SUFFIXES) for name in files):
+        return "check that it is the right one, or give the pattern of its names with --pattern"
+    return "check that it is the right one"

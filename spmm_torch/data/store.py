@@ -94,33 +94,35 @@ class CodeStore:
 
 
 @dataclass(frozen=True)
-class CosineStore:
-    """The values of another store, multiplied by the cosine of the light.
+class ScaledStore:
+    """The values of another store, multiplied by a factor of the light.
 
     Attributes:
         values: the other store.
-        cosine: cosine of the light of each direction pair, `[D]`.
+        factor: factor of each light, such as its cosine, `[L, 1]`, or `[L, C]` by channel.
+        views: number of views, V.
     """
 
     values: Store
-    cosine: Tensor
+    factor: Tensor
+    views: int
 
     @property
     def is_hdr(self) -> bool:
-        """Whether a value of the other store may exceed 1."""
-        return self.values.is_hdr
+        """Whether a value may exceed 1."""
+        return self.values.is_hdr or float(self.factor.max()) > 1.0
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]`; see `Store.texels`."""
-        return self.values.texels(index, device) * self.cosine[:, None].to(device)
+        return self.values.texels(index, device) * self._of_pairs().to(device)
 
     def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, C, D]`; see `Store.signals`."""
-        return self.values.signals(index, device) * self.cosine.to(device)
+        return self.values.signals(index, device) * self._of_pairs().T.to(device)
 
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
-        return self.values.pairs(start, stop) * self.cosine[start:stop, None]
+        return self.values.pairs(start, stop) * self._of_pairs()[start:stop]
 
     def planes(self, start: int, stop: int) -> Tensor:
         """Values `[C, T, stop - start]`; see `Store.planes`."""
@@ -130,8 +132,11 @@ class CosineStore:
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
     ) -> Tensor:
         """Values `[N, L, C]`; see `Store.strips`."""
-        cosine = self.cosine[:lights, None].to(device)  # of the lights, the same for each view
-        return self.values.strips(texel, view, lights, device) * cosine
+        return self.values.strips(texel, view, lights, device) * self.factor.to(device)
+
+    def _of_pairs(self) -> Tensor:
+        """The factor of each direction pair, `[D, 1]` or `[D, C]`."""
+        return self.factor.repeat(self.views, 1)
 
 
 @dataclass(frozen=True)

@@ -63,11 +63,21 @@ class Source:
 
 
 def open_source(
-    run: Path | str, against: Path | str | None, device: torch.device | str = "cpu"
+    run: Path | str,
+    against: Path | str | None,
+    device: torch.device | str = "cpu",
+    pattern: str | None = None,
 ) -> Source:
     """A run and its own input, or the BTF `against`; either is read with the run's settings.
 
+    Args:
+        run: its folder.
+        against: path of a BTF; None: the input of the run.
+        device: of the model.
+        pattern: how pictures are named; None: as in the run's settings.
+
     Raises:
+        ConfigError: the pattern is malformed.
         OutputError: the run does not exist, or a part of it is missing.
         DataError: the input does not exist, or has other texels or directions.
     """
@@ -81,7 +91,8 @@ def open_source(
             f"the input of {run}, {path}, does not exist; expected it where it was when the run "
             f"was made; give its present path with --against."
         )
-    btf = load_input(path, replace(config.data, directions=None), config.seed)
+    settings = replace(config.data, directions=None, pattern=pattern or config.data.pattern)
+    btf = load_input(path, settings, config.seed)
     _check_size(btf, model, path, folder)
     views, lights = _seen(btf.view, model.view), _seen(btf.light, model.light)
     if views.sum() != len(model.view) or lights.sum() != len(model.light):

@@ -32,6 +32,8 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
     budget = context.budget.needing(plan.working_bytes)
     cache = context.cache or (None if context.ranks.size == 1 else default_folder())
     cached = cache is not None
+    for note in btf.notes:
+        context.progress.say(note)
     context.progress.say(plan.describe(budget, cached))
     with context.watch("load"), context.progress.stage("load", len(btf.view), "views") as stage:
         btf.load(stage.to, memory=budget.spare, cache=cache)

@@ -11,7 +11,7 @@ import pytest
 import torch
 from PIL import Image
 
-from spmm_torch.data import load_btf, picture_set, sample_path
+from spmm_torch.data import load_btf, named_pictures, sample_path
 from spmm_torch.geometry.directions import ring_directions
 from tests.locations import DATA, needs_data
 
@@ -43,7 +43,7 @@ def test_path_traced_materials(name: str) -> None:
 @needs_data("WEAVE64.zip")
 def test_sample_is_a_crop_of_its_source() -> None:
     source = DATA / "WEAVE64.zip"
-    names = picture_set.list_pictures(source)[::500]
+    names = named_pictures.list_pictures(source)[::500]
     squared = []
     with zipfile.ZipFile(source) as whole, zipfile.ZipFile(sample_path()) as part:
         for name in names:

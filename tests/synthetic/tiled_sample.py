@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from spmm_torch.data import sample_path
-from spmm_torch.data.picture_set import list_pictures
+from spmm_torch.data.named_pictures import list_pictures
 
 # The gains: their range, and how many waves of them fit into the picture.
 DARKEST, BRIGHTEST, WAVES = 0.6, 1.0, 5

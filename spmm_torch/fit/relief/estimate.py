@@ -100,6 +100,8 @@ def _check(value: str, choices: tuple[str, ...], name: str) -> None:
 
 def _hopeless(btf: BTF) -> str | None:
     """Why no relief can be found in a BTF; None if it may be."""
+    if len(btf.view) == 1:
+        return "it shows between views, and there is only one"
     views = len(chosen_views(btf))
     if views < LEAST_VIEWS:
         return f"it shows between views, of which {views} are steep enough; 3 are needed"

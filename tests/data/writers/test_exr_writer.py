@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from spmm_torch.data.codecs import openexr
-from spmm_torch.data.pictures import parse_angles, unit_vectors
+from spmm_torch.data.file_names import parse_angles
+from spmm_torch.data.picture_grid import unit_vectors
 from spmm_torch.data.writers import write_exr_folder
 from spmm_torch.errors import OutputError
 from tests.planted.btfs import picture_btf

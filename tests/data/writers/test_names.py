@@ -10,7 +10,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spmm_torch.data.pictures import parse_angles, unit_vectors
+from spmm_torch.data.file_names import parse_angles
+from spmm_torch.data.picture_grid import unit_vectors
 from spmm_torch.data.writers.names import picture_names
 from spmm_torch.errors import OutputError
 from spmm_torch.geometry.directions import UBO2014_RINGS, direction_from_angles, ring_directions

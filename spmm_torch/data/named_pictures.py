@@ -1,0 +1,72 @@
+"""Pictures of a zip or folder that are named by their directions, and a word about the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from ..errors import DataError, alternatives
+from .codecs import CODECS, SUFFIXES
+from .file_names import parse_angles
+from .options import ReadOptions
+from .picture_grid import PictureGrid, arrange
+from .pictures import list_files, shown
+
+KINDS = alternatives([codec.TITLE for codec in reversed(CODECS)])
+EXPECTED = (
+    f"a zip or folder of {KINDS} pictures named by their angles "
+    "(like '00008 tl000 pl000 tv030 pv030.jpg')"
+)
+
+
+def list_pictures(path: Path) -> list[str]:
+    """Names of the pictures in a zip or folder that are named by their directions."""
+    return _named(list_files(path), None)
+
+
+def _named(files: Sequence[str], pattern: str | None) -> list[str]:
+    """Names of the pictures among files that are named by their directions."""
+    named = (name for name in files if parse_angles(name, pattern) is not None)
+    return shown([name for name in named if _is_picture(name)])
+
+
+def _is_picture(name: str) -> bool:
+    return name.lower().endswith(SUFFIXES)
+
+
+def find_grid(path: Path, files: Sequence[str], options: ReadOptions) -> PictureGrid:
+    """The pictures of a zip or folder, arranged by the directions in their names.
+
+    Raises:
+        DataError: a direction pair is missing or there twice, or no picture has directions.
+    """
+    names = _named(files, options.pattern)
+    if not names:
+        raise _nothing_named(path, files, options.pattern)
+    parse = partial(parse_angles, pattern=options.pattern)
+    return arrange(names, path, parse, options.missing == "mask")
+
+
+def left_out_notes(
+    path: Path, files: Sequence[str], grid: PictureGrid, pattern: str | None = None
+) -> tuple[str, ...]:
+    """A line if files that are pictures, or named by directions, are not in the grid."""
+    taken = set(grid.files)
+    rest = [name for name in files if name not in taken]
+    lost = [name for name in rest if _is_picture(name) or parse_angles(name, pattern) is not None]
+    if not lost:
+        return ()
+    more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+    return (f"note: no part of the BTF in {path}: {lost[0]!r}{more}",)
+
+
+def _nothing_named(path: Path, files: Sequence[str], pattern: str | None) -> DataError:
+    """The error for a zip or folder without a picture whose name has directions."""
+    pictures = shown([name for name in files if _is_picture(name)])
+    there = f"the first one is {pictures[0]!r}" if pictures else "it holds no pictures"
+    wanted = EXPECTED if pattern is None else f"names like the pattern {pattern!r}"
+    return DataError(
+        f"{path} has no picture with directions in its name: {there}; expected {wanted}; mend the "
+        f"names, or give the pattern that they follow with --pattern (data.pattern)."
+    )
