@@ -126,7 +126,7 @@ class ScaledStore:
 
     def planes(self, start: int, stop: int) -> Tensor:
         """Values `[C, T, stop - start]`; see `Store.planes`."""
-        return self.values.planes(start, stop) * self.cosine[start:stop]
+        return self.values.planes(start, stop) * self._of_pairs()[start:stop].T[:, None]
 
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
