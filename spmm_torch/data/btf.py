@@ -47,6 +47,7 @@ class BTF:
         cosine_missing: whether values are yet to be multiplied by the cosine of the light.
         negative: treatment of values below zero: "refuse", "clip" to zero, or "keep".
         missing: direction pairs without values (zeros stand for them), `[V, L]` bool; None: none.
+        names: of the materials of texels that are no neighbours, T of them; None: a texture.
     """
 
     name: str
@@ -64,6 +65,7 @@ class BTF:
     cosine_missing: bool = False
     negative: str = "refuse"
     missing: Tensor | None = field(default=None, repr=False)
+    names: tuple[str, ...] | None = field(default=None, repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
@@ -125,6 +127,7 @@ class BTF:
             view=self.view if views is None else self.view[views],
             light=self.light if lights is None else self.light[lights],
             missing=_kept_gaps(self.missing, views, lights),
+            names=_kept_names(self.names, texels),
             part=Part(
                 _chosen(self.part.texels, texels),
                 _chosen(self.part.views, views),
@@ -293,6 +296,13 @@ def _kept_gaps(
             "choose others."
         )
     return kept if bool(kept.any()) else None
+
+
+def _kept_names(names: tuple[str, ...] | None, texels: Tensor | None) -> tuple[str, ...] | None:
+    """The names of the texels that stay."""
+    if names is None or texels is None:
+        return names
+    return tuple(names[index] for index in texels.tolist())
 
 
 def _chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:

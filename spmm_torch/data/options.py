@@ -18,6 +18,7 @@ MAX_THREADS = 8
 COSINES = ("auto", "included", "missing")
 NEGATIVES = ("refuse", "clip", "keep")
 MISSING = ("refuse", "mask")
+RINGS = (81, 151)
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,8 @@ class ReadOptions:
             "refuse" the BTF, "clip" them to zero, which makes dark texels brighter on average, or
             "keep" them. A `.btf` file has none, as its format clips them.
         missing: treatment of direction pairs without a picture: "refuse" the BTF, or "mask" them.
+        rings: number of directions at which tables of BRDFs are read, 81 (those of UBO2003) or 151
+            (of UBO2014).
 
     Raises:
         ConfigError: a value is out of its range.
@@ -43,6 +46,7 @@ class ReadOptions:
     cosine: str = "auto"
     negative: str = "refuse"
     missing: str = "refuse"
+    rings: int = 81
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gamma) and self.gamma > 0.0):
@@ -56,10 +60,12 @@ class ReadOptions:
             ("cosine", COSINES),
             ("negative", NEGATIVES),
             ("missing", MISSING),
+            ("rings", RINGS),
         ):
             value = getattr(self, name)
             if value not in choices:
-                raise ConfigError(f"{name} is {value!r}; expected one of {', '.join(choices)}.")
+                expected = ", ".join(map(str, choices))
+                raise ConfigError(f"{name} is {value!r}; expected one of {expected}.")
 
     @classmethod
     def of(cls, settings: DataConfig) -> ReadOptions:
@@ -69,6 +75,7 @@ class ReadOptions:
             cosine=settings.cosine,
             negative=settings.negative,
             missing=settings.missing,
+            rings=settings.rings,
         )
 
     @property

@@ -21,6 +21,7 @@ from .selection import Selection, select_part
 NAMES = (
     "ubo2014",
     "npz",
+    "brdf_tables",
     "picture_set",
 )
 SAMPLE_NAME = "WEAVE40.zip"
