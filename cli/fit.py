@@ -37,7 +37,8 @@ def add_options(parser: Parser) -> None:
         "input",
         type=file_name,
         metavar="INPUT",
-        help="BTF: zip or folder of pictures (UBO2003, ATRIUM, OpenEXR), UBO2014 .btf, or NPZ",
+        help="BTF: zip or folder of pictures (UBO2003, ATRIUM, OpenEXR), UBO2014 .btf, or NPZ; "
+        "BRDFs: MERL .binary, RGL .bsdf, or a folder of them; or a list of samples (NPZ, Parquet)",
     )
     add_output(parser, "RUN", "run folder to make")
     add(

@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ..errors import ConfigError, DataError
 from .arrays import opener_in_memory
@@ -225,7 +225,7 @@ def _distinct(directions: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarra
     """Directions `[M, 3]` of which no two are the same, and which one each of `[N, 3]` is."""
     _check_finite(directions, where)
     exact, back = np.unique(directions, axis=0, return_inverse=True)
-    near = cKDTree(exact).query_pairs(SAME_DIRECTION, output_type="ndarray")
+    near = KDTree(exact).query_pairs(SAME_DIRECTION, output_type="ndarray")
     links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(exact),) * 2)
     _, group = connected_components(links, directed=False)
     _, first, order = np.unique(group, return_index=True, return_inverse=True)
@@ -246,8 +246,8 @@ def _missing(values: np.ndarray, mask: bool, samples: Samples, path: Path) -> np
     Raises:
         DataError: a texel lacks a pair that another has, and such pairs are not masked.
     """
-    lacking = np.isnan(values[..., 0])  # [V, L, T]
-    everywhere, somewhere = lacking.all(-1), lacking.any(-1)
+    lacking: np.ndarray = np.isnan(values[..., 0])  # [V, L, T]
+    everywhere, somewhere = np.all(lacking, axis=-1), np.asarray(np.any(lacking, axis=-1))
     partly = somewhere & ~everywhere
     if partly.any() and not mask:
         view, light = np.argwhere(partly)[0].tolist()

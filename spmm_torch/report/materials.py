@@ -36,6 +36,7 @@ ALBEDO_ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # of the view, in degrees
 ALBEDO_AZIMUTHS, ALBEDO_SAMPLES = 4, 512
 QUADRATURE = 1 << 14  # directions of light by which measured albedos are summed
 RANKS = 60  # samples that are shown beside the fit
+BELOW_SAMPLES = 0.1  # part of the darkest sample that is the lower edge of their chart
 MEASURED, LOBES, WHOLE = "measured", "lobes", "lobes + residual"
 
 
@@ -234,15 +235,20 @@ def _model_albedo(model: SPMM, texel: int, polar: Tensor, *, residual: bool) -> 
 
 
 def _samples(model: SPMM, btf: BTF, texel: int) -> Chart:
-    """Samples from the brightest to the darkest, and the fit at the same directions."""
+    """Samples from the brightest to the darkest, and the fit at the same directions.
+
+    What is far below the darkest sample is drawn on the lower edge, so that it leaves room.
+    """
     parts = [each.mean(-1) for each in _beside(model, btf, texel)]
     order = parts[0].argsort(descending=True)
+    bright = parts[0][parts[0] > 0.0]
+    floor = BELOW_SAMPLES * float(bright.min()) if len(bright) else 0.0
     ranks = torch.logspace(0.0, math.log10(len(order)), RANKS).round().long().unique()
     series = []
     for name, values in zip((MEASURED, LOBES, WHOLE), parts, strict=True):
         shown = values[order[ranks - 1]].tolist()
         points = [
-            Point(rank, value, f"sample {rank}, {value:.4g}")
+            Point(rank, max(value, floor), f"sample {rank}, {value:.4g}")
             for rank, value in zip(ranks.tolist(), shown, strict=True)
         ]
         series.append(Series(name, points, joined=name == MEASURED))

@@ -22,7 +22,7 @@ from .plots import (
 from .svg import element
 
 FOOT = HEIGHT - 30  # where the surface lies
-RADIUS = FOOT - TOP - 20.0
+RADIUS = min(FOOT - TOP - 20.0, WIDTH / 2.0 - 34.0)
 SPOKES = range(-90, 91, 30)  # degrees
 ARCS = 4
 
@@ -77,10 +77,10 @@ def _web() -> list[Markup]:
 
 
 def _light(angle: float) -> Markup:
-    return _line(angle, "grid", stroke_dasharray="6 4", stroke_width="2")
+    return _line(angle, "ray")
 
 
-def _line(angle: float, class_: str, **attributes: str) -> Markup:
+def _line(angle: float, class_: str) -> Markup:
     left, top = _place(angle, RADIUS)
     return element(
         "line",
@@ -89,7 +89,6 @@ def _line(angle: float, class_: str, **attributes: str) -> Markup:
         x2=f"{left:.1f}",
         y2=f"{top:.1f}",
         class_=class_,
-        **attributes,
     )
 
 

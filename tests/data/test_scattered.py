@@ -26,7 +26,7 @@ def value(wi: np.ndarray, wo: np.ndarray, texel: np.ndarray) -> np.ndarray:
     return np.stack((wi[:, 2], wo[:, 0] ** 2, 1.0 + texel), axis=1)
 
 
-def make(pairs: list[tuple[int, int]], texels: int = 1, **changes: Any) -> dict[str, np.ndarray]:
+def make(pairs: list[tuple[int, int]], texels: int = 1, /, **changes: Any) -> dict[str, np.ndarray]:
     """The arrays of a list with the pairs (view, light) for each texel, in random order."""
     rows = [(view, light, texel) for texel in range(texels) for view, light in pairs]
     view, light, texel = np.random.default_rng(0).permutation(rows).T
@@ -36,7 +36,7 @@ def make(pairs: list[tuple[int, int]], texels: int = 1, **changes: Any) -> dict[
 
 
 def save(path: Path, arrays: Mapping[str, np.ndarray]) -> Path:
-    np.savez(path, **arrays)
+    np.savez(path, allow_pickle=False, **arrays)
     return path
 
 

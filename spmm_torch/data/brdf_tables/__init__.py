@@ -95,7 +95,7 @@ class Tables:
 
     @classmethod
     def scan(cls, path: Path, directions: Tensor) -> Tables:
-        """All tables of a path, in the order of their names."""
+        """All tables of a path, in the order of their names, to be read at `directions [V, 3]`."""
         if not (path.is_dir() or zipfile.is_zipfile(path)):
             return cls(path, (path.name,), directions)
         return cls(path, tuple(filter(is_table, list_files(path))), directions)
