@@ -112,3 +112,17 @@ def test_a_polar_plot_puts_points_at_their_angle() -> None:
     up, right = ((float(mark["cx"]), float(mark["cy"])) for mark in marks)
     assert up == pytest.approx((280.0, FOOT - RADIUS), abs=0.1)
     assert right == pytest.approx((280.0 + RADIUS / 2.0, FOOT), abs=0.1)
+
+
+@pytest.mark.parametrize("kept", [1, 40, 300])
+def test_pairs_without_samples_are_left_out(
+    model: SPMM, btf: BTF, report: dict[str, Any], tmp_path: Path, kept: int
+) -> None:
+    missing = torch.ones(btf.pair_count, dtype=torch.bool)
+    missing[torch.randperm(btf.pair_count, generator=torch.Generator().manual_seed(0))[:kept]] = (
+        False
+    )
+    write_html(tmp_path / "a.html", report, model, replace(btf, missing=missing.view(19, 19)))
+    text = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert text.count('class="plot"') == 4 * len(NAMES)
+    assert "nan" not in text.lower().split("</style>")[-1]

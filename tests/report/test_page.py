@@ -178,7 +178,7 @@ def test_one_texel_is_a_material_without_pictures(
     page = Page(write(model=model, btf=btf))
     assert not page.images()
     assert "Materials" in page.text
-    assert sum(each.get("class") == "plot" for _, each in page.elements) == 4
+    assert sum(each.get("class") == "plot" for _, each in page.elements) == 3  # one light
 
 
 def test_a_bad_report_writes_no_page(write: Write, report: dict[str, Any], tmp_path: Path) -> None:
