@@ -7,6 +7,7 @@ units of a scale for each channel; negative ones were not measured.
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -20,8 +21,8 @@ HEADER = np.array(CELLS, "<i4").tobytes()
 SIZE = len(HEADER) + 3 * math.prod(CELLS) * 8
 # What the published reader multiplies red, green and blue by.
 SCALE = np.array((1.0 / 1500.0, 1.15 / 1500.0, 1.66 / 1500.0))
-# Part of a cell by which float32 directions miss an angle on an edge, which is of the upper cell.
-EDGE = 1e-4
+PERIODIC = (False, False, True)
+HALF = 0.5  # part of the cells around a place that must be measured
 
 
 def read_table(payload: bytes, where: str) -> np.ndarray:
@@ -48,31 +49,54 @@ def _start(payload: bytes) -> str:
 def evaluate(table: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> np.ndarray:
     """The BRDF `[Q, 3]` in 1/sr of a `table [3, 90, 90, 180]`, without a cosine; NaN: not measured.
 
-    As in the published reader, a value holds for its whole cell.
+    Values stand for the middle of their cell, where the published reader gives the same, and are
+    interpolated linearly between: directions at whole degrees meet the edges of cells. Cells that
+    were not measured are left out, where they count for less than half.
 
     Args:
         table: of `read_table`.
         wi, wo: unit directions `[Q, 3]` float64.
     """
-    theta_half, theta_difference, phi_difference = cells(wi, wo)
-    raw = table[:, theta_half, theta_difference, phi_difference].T  # [Q, 3]
-    return np.where((raw < 0.0).any(1, keepdims=True), np.nan, raw * SCALE)
+    near = [_between(*axis) for axis in zip(_places(wi, wo), CELLS, PERIODIC, strict=True)]
+    total, measured = np.zeros((3, len(wi))), np.zeros(len(wi))
+    for sides in itertools.product((0, 1), repeat=3):
+        cell = tuple(index[side] for side, (index, _) in zip(sides, near, strict=True))
+        weight = math.prod(share[side] for side, (_, share) in zip(sides, near, strict=True))
+        raw = table[:, *cell]  # [3, Q]
+        weight = np.where((raw < 0.0).any(0), 0.0, weight)
+        total += weight * raw
+        measured += weight
+    known = np.where(measured < HALF, np.nan, measured)
+    return (total / known).T * SCALE
 
 
-def cells(wi: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cells (theta_half, theta_difference, phi_difference), each `[Q]`, of directions `[Q, 3]`."""
+def _places(wi: np.ndarray, wo: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places `[Q]` along theta_half, theta_difference and phi_difference, in cells from the first.
+
+    Cells of theta_half are narrow about the mirror direction: their edges lie at i^2 / 90 degrees.
+    """
     theta_half, theta_difference, phi_difference = half_difference_angles(wi, wo)
     quarter = math.pi / 2.0
-    parts = (
-        90.0 * np.sqrt(theta_half / quarter),  # narrow cells about the mirror direction
+    return (
+        90.0 * np.sqrt(theta_half / quarter),
         90.0 * theta_difference / quarter,
-        180.0 * (phi_difference % math.pi) / math.pi,  # f(wi, wo) = f(wo, wi) adds pi to phi
+        180.0 * phi_difference / math.pi,
     )
-    found = [
-        np.minimum((part + EDGE).astype(int), count - 1)
-        for part, count in zip(parts, CELLS, strict=True)
-    ]
-    return found[0], found[1], found[2]
+
+
+def _between(place: np.ndarray, count: int, periodic: bool) -> tuple[np.ndarray, np.ndarray]:
+    """The two cells whose middles are around each place `[Q]`, and their shares, both `[2, Q]`.
+
+    f(wi, wo) = f(wo, wi) adds pi to phi_difference, so that its last cell is beside the first.
+    """
+    from_middle = place - 0.5
+    if not periodic:
+        from_middle = np.clip(from_middle, 0.0, count - 1.0)
+    first = np.floor(from_middle).astype(int)
+    share = from_middle - first
+    pair = np.stack((first, first + 1))
+    pair = pair % count if periodic else np.minimum(pair, count - 1)
+    return pair, np.stack((1.0 - share, share))
 
 
 def half_difference_angles(

@@ -9,7 +9,7 @@ import pytest
 
 from spmm_torch.data.brdf_tables import merl
 from spmm_torch.errors import DataError
-from tests.data.brdf_tables.made_files import grey, merl_bytes, upper_directions
+from tests.data.brdf_tables.made_files import merl_bytes, upper_directions
 
 
 def published(values: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> list[float]:
@@ -34,23 +34,49 @@ def published(values: np.ndarray, wi: np.ndarray, wo: np.ndarray) -> list[float]
     return [values[place + c * 90 * 90 * 180] * scale for c, scale in enumerate(scales)]
 
 
-def test_values_are_those_of_the_published_reader() -> None:
+def middles(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Directions wi and wo `[N, 3]` at the middles of random cells, both over the horizon."""
+    rng = np.random.default_rng(seed)
+    theta_half = np.radians((rng.integers(0, 60, count) + 0.5) ** 2 / 90.0)
+    theta, phi = (
+        np.radians(rng.integers(0, 45, count) + 0.5),
+        np.radians(rng.integers(0, 180, count) + 0.5),
+    )
+    turn = rng.uniform(-np.pi, np.pi, count)
+    x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+
+    def placed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """A direction in the frame of the half vector, in that of the surface."""
+        along = np.cos(theta_half) * x + np.sin(theta_half) * z
+        up = np.cos(theta_half) * z - np.sin(theta_half) * x
+        across = np.sin(turn) * along + np.cos(turn) * y
+        return np.stack((np.cos(turn) * along - np.sin(turn) * y, across, up), axis=1)
+
+    wi, wo = placed(x, y), placed(-x, -y)
+    over = (wi[:, 2] > 0.0) & (wo[:, 2] > 0.0)
+    return wi[over], wo[over]
+
+
+def test_values_in_the_middle_of_cells_are_those_of_the_published_reader() -> None:
     values = np.random.default_rng(0).random(3 * math.prod(merl.CELLS))
     table = merl.read_table(merl.HEADER + values.tobytes(), "made")
-    wi, wo = upper_directions(400, 1), upper_directions(400, 2)
+    wi, wo = middles(400, 1)
+    assert len(wi) > 300
     expected = [published(values, *pair) for pair in zip(wi, wo, strict=True)]
-    np.testing.assert_allclose(merl.evaluate(table, wi, wo), expected, rtol=1e-12)
+    np.testing.assert_allclose(merl.evaluate(table, wi, wo), expected, rtol=1e-6)
 
 
-def test_a_function_of_the_half_angle_is_found() -> None:
-    def lobe(theta_half: np.ndarray, *_: np.ndarray) -> np.ndarray:
-        return np.cos(theta_half)[..., None] ** 20 * np.array([0.2, 1.0, 3.0])
+def test_a_function_of_all_angles_is_found() -> None:
+    """Between the middles of cells too, across the end of phi_difference too."""
+
+    def lobe(theta_half: np.ndarray, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        value = np.cos(theta_half) ** 20 * (1.0 + 0.5 * np.sin(theta) ** 2 * np.cos(2.0 * phi))
+        return value[..., None] * np.array([0.2, 1.0, 3.0])
 
     table = merl.read_table(merl_bytes(lobe), "made")
-    wi, wo = upper_directions(200, 3), upper_directions(200, 4)
-    half = (wi + wo) / np.linalg.norm(wi + wo, axis=1, keepdims=True)
-    expected = half[:, 2:] ** 20 * np.array([0.2, 1.0, 3.0])
-    np.testing.assert_allclose(merl.evaluate(table, wi, wo), expected, atol=0.05 * 3.0)
+    wi, wo = upper_directions(2000, 3), upper_directions(2000, 4)
+    expected = lobe(*merl.half_difference_angles(wi, wo))
+    np.testing.assert_allclose(merl.evaluate(table, wi, wo), expected, atol=0.003 * 3.0)
 
 
 def test_the_difference_direction_keeps_its_azimuth() -> None:
@@ -62,17 +88,18 @@ def test_the_difference_direction_keeps_its_azimuth() -> None:
     np.testing.assert_allclose(np.ravel(angles), [0.0, theta, phi], atol=1e-12)
 
 
-def test_an_angle_on_an_edge_is_of_the_upper_cell_in_float32_too() -> None:
-    theta = math.radians(15.0)
-    for nudge in (-3e-7, 0.0, 3e-7):
-        wi = np.array([[math.sin(theta + nudge), 0.0, math.cos(theta + nudge)]])
-        assert merl.cells(wi, wi * [-1.0, 1.0, 1.0])[1] == 15
+def test_cells_that_were_not_measured_are_left_out() -> None:
+    """Where the difference is over 41 degrees nothing was measured; under that all is 1."""
 
+    def part(theta_half: np.ndarray, theta: np.ndarray, _phi: np.ndarray) -> np.ndarray:
+        value = np.where(theta < math.radians(41.0), 1.0, -1.0) + 0.0 * theta_half
+        return np.repeat(value[..., None], 3, axis=-1)
 
-def test_negative_values_were_not_measured() -> None:
-    table = merl.read_table(merl_bytes(grey(-1.0)), "made")
-    up = np.array([[0.0, 0.0, 1.0]])
-    assert np.isnan(merl.evaluate(table, up, up)).all()
+    table = merl.read_table(merl_bytes(part), "made")
+    theta = np.radians([10.0, 40.4, 40.9, 41.1, 60.0])
+    wi = np.stack((np.sin(theta), 0.0 * theta, np.cos(theta)), axis=1)
+    found = merl.evaluate(table, wi, wi * [-1.0, 1.0, 1.0])[:, 0]
+    np.testing.assert_allclose(found, [1.0, 1.0, 1.0, np.nan, np.nan])
 
 
 @pytest.mark.parametrize(
