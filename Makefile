@@ -30,7 +30,7 @@ $(VENV)/installed: $(VENV)/created $(DEPENDENCIES)
 	@touch $@
 
 $(VENV)/installed-test: $(VENV)/created $(DEPENDENCIES)
-	$(PY) -m pip install --quiet --editable ".[test,mitsuba,eval,viz,docs]" --constraint constraints.txt
+	$(PY) -m pip install --quiet --editable ".[test,mitsuba,eval,parquet,viz,docs]" --constraint constraints.txt
 	@touch $@ $(VENV)/installed
 
 $(VENV)/installed-docs: $(VENV)/created $(DEPENDENCIES)

@@ -17,7 +17,7 @@ from .inputs import decode
 from .parser import Parser, add_output, file_name
 from .settings import add_settings, read_settings
 
-READING = ("gamma", "cosine", "negative", "pattern")
+READING = ("gamma", "cosine", "negative", "pattern", "rings")
 
 
 def add_options(parser: Parser) -> None:

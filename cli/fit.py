@@ -39,7 +39,8 @@ def add_options(parser: Parser) -> None:
         type=file_name,
         metavar="INPUT",
         help="BTF: zip or folder of pictures (UBO2003, ATRIUM, UTIA, OpenEXR, RTI), UBO2014 .btf, "
-        "or NPZ",
+        "or NPZ; BRDFs: MERL .binary, RGL .bsdf, or a folder of them; or a list of samples (NPZ, "
+        "Parquet)",
     )
     add_output(parser, "RUN", "run folder to make")
     add(

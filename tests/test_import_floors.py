@@ -40,6 +40,7 @@ LAZY = frozenset(
         "drjit",
         "flip_evaluator",
         "mitsuba",
+        "pyarrow",
         "pyvista",
         "sklearn",
         "trame",

@@ -51,6 +51,12 @@ class DataConfig:
         "light l and view v, in degrees, * for any text; null: each angle behind its letters tl, "
         "pl, tv or pv",
     )
+    rings: int = setting(
+        81,
+        "number of directions at which tables of BRDFs (MERL, RGL) are read, as views and as "
+        "lights: 81 (those of UBO2003) or 151 (of UBO2014)",
+        choices=(81, 151),
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to fit: left column, top row, width, height; null: all", low=0
     )

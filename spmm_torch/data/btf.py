@@ -48,6 +48,7 @@ class BTF:
         negative: treatment of values below zero: "refuse", "clip" to zero, or "keep".
         missing: direction pairs without values (zeros stand for them), `[V, L]` bool; None: none.
         notes: lines about the input that whoever reads it ought to see.
+        names: of the materials of texels that are no neighbours, T of them; None: a texture.
     """
 
     name: str
@@ -66,6 +67,7 @@ class BTF:
     negative: str = "refuse"
     missing: Tensor | None = field(default=None, repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
+    names: tuple[str, ...] | None = field(default=None, repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
@@ -127,6 +129,7 @@ class BTF:
             view=self.view if views is None else self.view[views],
             light=self.light if lights is None else self.light[lights],
             missing=_kept_gaps(self.missing, views, lights),
+            names=_kept_names(self.names, texels),
             part=Part(
                 _chosen(self.part.texels, texels),
                 _chosen(self.part.views, views),
@@ -300,6 +303,13 @@ def _kept_gaps(
             "choose others."
         )
     return kept if bool(kept.any()) else None
+
+
+def _kept_names(names: tuple[str, ...] | None, texels: Tensor | None) -> tuple[str, ...] | None:
+    """The names of the texels that stay."""
+    if names is None or texels is None:
+        return names
+    return tuple(names[index] for index in texels.tolist())
 
 
 def _chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:

@@ -1,8 +1,9 @@
 """Reader of the NPZ interchange format, view by view.
 
 Arrays: `values [V, L, H, W, 3]` float16 or float32, linear and cosine-weighted; `view [V, 3]`
-and `light [L, 3]`, unit vectors that point away from the surface. A file is HDR if and only if a
-value exceeds 1; its peak is then the 99.9th percentile, else 1.
+and `light [L, 3]`, unit vectors that point away from the surface; `names [H * W]`, texts, only
+where texels are materials and no neighbours. A file is HDR if and only if a value exceeds 1; its
+peak is then the 99.9th percentile, else 1.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from .pictures import ZIP_ERRORS, innermost_zip, material_name, open_zip
 
 EXPECTED = "an NPZ with values, view and light"
 MEMBERS = ("values", "view", "light")
+NAMES = "names"
 LAYOUT = "values [V, L, H, W, 3] float16 or float32, view [V, 3] and light [L, 3]"
 # Largest ratio of the size of a zip member to its compressed size; other methods have no bound.
 MAX_RATIO = {zipfile.ZIP_STORED: 1, zipfile.ZIP_DEFLATED: 1032}
@@ -50,25 +52,28 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     """
     source = Path(path)
     try:
-        header, view, light = _read_small_parts(source)
+        header, view, light, names = _read_small_parts(source)
     except READ_ERRORS as error:
         raise _damaged(source, error) from error
     view, light = check_layout(header.shape, header.dtype, view, light, str(source))
+    names = None if names is None else _checked_names(names, header.shape, source)
     views = partial(_iterate_views, source, header)
     key = partial(_content, source)
     _, _, height, width, _ = header.shape
     itemsize = header.dtype.itemsize
     opener = array_opener(header, f"'values' of {path}", views, key)
     name = material_name(source)
-    return BTF(name, str(path), height, width, view, light, itemsize, opener, hdr=None)
+    return BTF(name, str(path), height, width, view, light, itemsize, opener, hdr=None, names=names)
 
 
-def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
-    """Header of the values, views `[V, 3]` and lights `[L, 3]`."""
+def _read_small_parts(
+    path: Path,
+) -> tuple[ArrayHeader, np.ndarray, np.ndarray, np.ndarray | None]:
+    """Header of the values, views `[V, 3]`, lights `[L, 3]`, and names of texels if any."""
     with innermost_zip(path) as handle:
-        names = handle.namelist()
+        members = handle.namelist()
         for key in MEMBERS:
-            if f"{key}.npy" not in names:
+            if f"{key}.npy" not in members:
                 raise DataError(
                     f"{path} lacks the array {key!r}; expected {LAYOUT}; "
                     f"save it with numpy.savez under these names."
@@ -80,6 +85,7 @@ def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:
             header,
             _read_directions(handle, "view", path),
             _read_directions(handle, "light", path),
+            _read_array(handle, NAMES) if f"{NAMES}.npy" in members else None,
         )
 
 
@@ -102,10 +108,26 @@ def _check_size(member: zipfile.ZipInfo, header: ArrayHeader, start: int) -> Non
         )
 
 
+def _read_array(handle: zipfile.ZipFile, key: str) -> np.ndarray:
+    """The whole array of a member."""
+    with handle.open(f"{key}.npy") as stream:
+        return npy.read_array(stream, allow_pickle=False)
+
+
+def _checked_names(names: np.ndarray, shape: Sequence[int], path: Path) -> tuple[str, ...]:
+    """The names of texels, one for each of the pictures of values `[V, L, H, W, 3]`."""
+    count = shape[2] * shape[3]
+    if names.dtype.kind != "U" or names.shape != (count,):
+        raise DataError(
+            f"{NAMES!r} of {path} has type {names.dtype} and shape {list(names.shape)}; expected "
+            f"[{count}] texts, one a texel; leave it out where texels are a texture."
+        )
+    return tuple(names.tolist())
+
+
 def _read_directions(handle: zipfile.ZipFile, key: str, path: Path) -> np.ndarray:
     """The array `[N, 3]` float64 of a member; its shape is checked elsewhere."""
-    with handle.open(f"{key}.npy") as stream:
-        array = npy.read_array(stream, allow_pickle=False)
+    array = _read_array(handle, key)
     if array.dtype.kind != "f":
         raise DataError(
             f"{key!r} of {path} has type {array.dtype}; expected float unit vectors [N, 3]; "

@@ -19,6 +19,7 @@ MAX_THREADS = 8
 COSINES = ("auto", "included", "missing")
 NEGATIVES = ("refuse", "clip", "keep")
 MISSING = ("refuse", "mask")
+RINGS = (81, 151)
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class ReadOptions:
         missing: treatment of direction pairs without a picture: "refuse" the BTF, or "mask" them.
         pattern: where the angles are in names of pictures, such as "L{tl}_{pl}_V{tv}_{pv}"; None:
             behind "tl", "pl", "tv" and "pv".
+        rings: number of directions at which tables of BRDFs are read, 81 (those of UBO2003) or 151
+            (of UBO2014).
 
     Raises:
         ConfigError: a value is out of its range, or the pattern is malformed.
@@ -47,6 +50,7 @@ class ReadOptions:
     negative: str = "refuse"
     missing: str = "refuse"
     pattern: str | None = None
+    rings: int = 81
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gamma) and self.gamma > 0.0):
@@ -60,10 +64,12 @@ class ReadOptions:
             ("cosine", COSINES),
             ("negative", NEGATIVES),
             ("missing", MISSING),
+            ("rings", RINGS),
         ):
             value = getattr(self, name)
             if value not in choices:
-                raise ConfigError(f"{name} is {value!r}; expected one of {', '.join(choices)}.")
+                expected = ", ".join(map(str, choices))
+                raise ConfigError(f"{name} is {value!r}; expected one of {expected}.")
         if self.pattern is not None:
             compiled(self.pattern)
 
@@ -76,6 +82,7 @@ class ReadOptions:
             negative=settings.negative,
             missing=settings.missing,
             pattern=settings.pattern,
+            rings=settings.rings,
         )
 
     @property

@@ -23,7 +23,9 @@ from .selection import Selection, select_part
 # The first reader in this order that accepts a path reads it.
 NAMES = (
     "ubo2014",
+    "scattered",
     "npz",
+    "brdf_tables",
     "picture_set",
     "rti",
 )

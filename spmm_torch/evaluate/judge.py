@@ -27,6 +27,8 @@ from .worst import worst_pairs, worst_texels
 ALL_FITTED = (
     "The run was fitted to every direction of its input; fit it with --directions to hold some out."
 )
+# Decibels from which an error is nothing but the rounding of float32 values.
+ROUNDING_DB = 120.0
 
 
 @dataclass(frozen=True)
@@ -158,14 +160,15 @@ def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, flo
 def report_difference(figures: dict[str, Any], report: dict[str, Any]) -> float | None:
     """The largest difference in decibels from the figures that the fit reported.
 
-    Infinite figures are null in the report and are left out; None if all are.
+    Infinite figures are null in the report and are left out, as are those that are rounding in
+    both; None if all are.
     """
     reported = {group: report.get(group) or {} for group in ("psnr_db", "snr_db")}
     differences = [
         abs(value - reported[group][name])
         for group in reported
         for name, value in figures[group].items()
-        if reported[group].get(name) is not None
+        if reported[group].get(name) is not None and min(value, reported[group][name]) < ROUNDING_DB
     ]
     return max(differences, default=None)
 

@@ -55,7 +55,7 @@ def align(problem: Problem) -> Problem:
         DataError: the map of heights that the settings name is not valid.
     """
     context, config = problem.context, problem.config.relief
-    if config.mode == "off":
+    if config.mode == "off" or problem.pictures.names is not None:  # no neighbours, no surface
         return problem
 
     def find() -> FoundRelief:

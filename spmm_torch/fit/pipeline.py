@@ -38,7 +38,8 @@ class FitResult:
         model: the mixture model, on the CPU.
         figures: errors, sizes and times.
         info: `labels [T]`, `samples [S]` and the number of `lobes_found`.
-        looks: pictures and their scores; None if they were not asked for.
+        looks: pictures and their scores; None if they were not asked for, or texels are no
+            neighbours.
     """
 
     model: SPMM
@@ -89,7 +90,7 @@ def fit(
         refit = refit_pictures(problem, clusters, mixtures, fits)
         model = assemble(problem, clusters, mixtures, refit)  # Eq. 2
         ablation = ablate(problem, clusters.labels, dictionary)
-        pictures = _pictures(model, btf, context) if render else None
+        pictures = _pictures(model, btf, context) if render and btf.names is None else None
     if warning := warning_of_failed_starts(found.starts):
         context.progress.say(warning)
     figures = summarize(

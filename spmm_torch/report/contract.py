@@ -152,6 +152,7 @@ class Report:
         solvers: problems by solver and by how they ended: converged, limit, no_descent, not_finite.
         error_without_model: ablation of each BRDF.
         auto: the choice of `--auto`; None without it.
+        materials: name, lobes and SNR of each texel where texels are materials; None for a texture.
         seconds: by stage.
         peak_memory_bytes: of the process on a CPU, of torch's allocations on a GPU.
         device: its name.
@@ -182,6 +183,7 @@ class Report:
     solvers: dict[str, dict[str, int]]
     error_without_model: Ablation
     auto: dict[str, Any] | None
+    materials: list[dict[str, Any]] | None
     seconds: Seconds
     peak_memory_bytes: int
     device: str

@@ -15,6 +15,7 @@ from .charts import Bar, bar_chart
 from .contract import check_report
 from .html import render_template
 from .maps import Maps, model_maps
+from .materials import Materials, are_materials, material_section
 from .relief import relief_gallery
 from .slices import slice_gallery
 from .views import Chart, Gallery
@@ -30,16 +31,18 @@ class ReportPage:
     Attributes:
         report: the content of `report.json`.
         btf: that was fitted.
-        slices: original and model at some direction pairs.
         sections: shown first.
-        maps: clusters and lobes of the model.
+        slices: original and model at some direction pairs; None for materials.
+        maps: clusters and lobes of the model; None for materials.
+        materials: texels that are no texture; None for a texture.
     """
 
     report: Report
     btf: BTF
-    slices: Gallery
     sections: Sequence[Gallery]
-    maps: Maps
+    slices: Gallery | None = None
+    maps: Maps | None = None
+    materials: Materials | None = None
 
     @property
     def gain_db(self) -> float | None:
@@ -105,5 +108,8 @@ def write_html(
     check_report(report)
     relief = relief_gallery(model, btf)
     sections = sections if relief is None else (relief, *sections)
-    page = ReportPage(report, btf, slice_gallery(model, btf), sections, model_maps(model))
+    if are_materials(btf):
+        page = ReportPage(report, btf, sections, materials=material_section(model, btf))
+    else:
+        page = ReportPage(report, btf, sections, slice_gallery(model, btf), model_maps(model))
     path.write_text(render_template("report.html.j2", page), encoding="utf-8")

@@ -70,7 +70,7 @@ def plot(series: Sequence[Series], x_axis: Axis, y_axis: Axis, title: str) -> Ma
         canvas = _Canvas(x, y)
         content = [*_axes(x, y, x_axis, y_axis)]
         content += [canvas.draw(each, look) for look, each in enumerate(drawn)]
-        content += [canvas.labels(drawn), *(_legend(each, look) for look, each in enumerate(drawn))]
+        content += [canvas.labels(drawn), *(legend(each, look) for look, each in enumerate(drawn))]
     return element(
         "svg",
         element("title", title),
@@ -173,7 +173,8 @@ def _overlap(
     return max(width, 0.0) * max(height, 0.0)
 
 
-def _legend(series: Series, look: int) -> Markup:
+def legend(series: Series, look: int) -> Markup:
+    """The entry of a series below a plot."""
     column, row = look % LEGEND_COLUMNS, look // LEGEND_COLUMNS
     left = LEFT + column * (WIDTH - LEFT - RIGHT) / LEGEND_COLUMNS
     top = HEIGHT + LEGEND_TOP + row * LEGEND_ROW

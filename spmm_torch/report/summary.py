@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import fields
+from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -30,6 +30,7 @@ from .contract import (
     Sharpness,
     Sizes,
 )
+from .materials import materials
 from .wording import decibels, fixed, percent
 
 
@@ -92,6 +93,7 @@ def summarize(
         solvers=solvers.to_dict(),
         error_without_model=ablation,
         auto=auto,
+        materials=[asdict(row) for row in materials(model, btf)] if btf.names else None,
         seconds=Seconds(**seconds),
         peak_memory_bytes=peak_memory(context.device),
         device=device_name(context.device),

@@ -255,3 +255,18 @@ def test_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_bfloat16_is_refused() -> None:
     with pytest.raises(DataError, match="type bfloat16.*expected float16 or float32"):
         BTF.from_values(torch.ones(SHAPE, dtype=torch.bfloat16), VIEW, LIGHT)
+
+
+def test_names_of_materials_are_kept(tmp_path: Path) -> None:
+    names = np.array([f"material {index}" for index in range(20)])
+    btf = load_btf(save(tmp_path / "a.npz", names=names))
+    assert btf.names == tuple(names)
+    write_npz(tmp_path / "b.npz", btf.restricted(torch.tensor([3, 17]), (1, 2)))
+    assert load_btf(tmp_path / "b.npz").names == ("material 3", "material 17")
+    assert load_btf(save(tmp_path / "c.npz")).names is None
+
+
+@pytest.mark.parametrize("names", [np.array(["one"]), np.arange(20)])
+def test_names_that_do_not_fit_are_refused(tmp_path: Path, names: np.ndarray) -> None:
+    with pytest.raises(DataError, match=r"'names' of .* expected \[20\] texts"):
+        load_btf(save(tmp_path / "a.npz", names=names))

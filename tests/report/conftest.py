@@ -81,6 +81,7 @@ def report() -> dict[str, Any]:
             "snr_db_without": {"lambertian": 9.5, "ward": 12.25},
         },
         "auto": None,
+        "materials": None,
         "seconds": {
             "load": 0.2,
             "relief": 2.5,

@@ -171,10 +171,14 @@ def test_unknown_and_infinite_figures(write: Write, report: dict[str, Any]) -> N
     assert not re.search(r"\b(inf|nan|None)\b", shown)
 
 
-def test_one_texel(write: Write, one_texel: tuple[SPMM, BTF]) -> None:
+def test_one_texel_is_a_material_without_pictures(
+    write: Write, one_texel: tuple[SPMM, BTF]
+) -> None:
     model, btf = one_texel
-    images = Page(write(model=model, btf=btf)).images()
-    assert {codes.shape for codes in images.values()} == {(1, 1, 3)}
+    page = Page(write(model=model, btf=btf))
+    assert not page.images()
+    assert "Materials" in page.text
+    assert sum(each.get("class") == "plot" for _, each in page.elements) == 3  # one light
 
 
 def test_a_bad_report_writes_no_page(write: Write, report: dict[str, Any], tmp_path: Path) -> None:

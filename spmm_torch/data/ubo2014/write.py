@@ -17,6 +17,7 @@ from ...runtime.atomic import new_file
 from ..btf import BTF
 from ..options import DEFAULT_COMPONENTS
 from ..store import Progress
+from ..writers.views import refuse_gaps
 from .colour import LOG_YUV, RGB
 from .factorize import factorize
 from .header import DFMF, FMF12, SCALARS, VARIANTS, Header
@@ -72,9 +73,11 @@ def write_ubo2014(
 
     Raises:
         ConfigError: a setting is out of its range.
-        DataError: a picture cannot be decoded, or a number does not fit its type.
+        DataError: a picture cannot be decoded, a number does not fit its type, or pairs are
+            missing.
         OutputError: the file cannot be written.
     """
+    refuse_gaps(btf)
     if components < 1:
         raise ConfigError(f"components is {components}; expected 1 or more.")
     header = Header(

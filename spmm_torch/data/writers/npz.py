@@ -30,9 +30,12 @@ def write_npz(path: Path | str, btf: BTF, progress: Progress | None = None) -> N
         OutputError: the file cannot be written.
     """
     with new_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for key, vectors in (("view", btf.view), ("light", btf.light)):
+        small = {"view": btf.view.numpy(), "light": btf.light.numpy()}
+        if btf.names is not None:
+            small["names"] = np.array(btf.names)
+        for key, array in small.items():
             with archive.open(zip_member(f"{key}.npy"), "w") as stream:
-                npy.write_array(stream, vectors.numpy(), allow_pickle=False)
+                npy.write_array(stream, array, allow_pickle=False)
         _write_values(archive, btf, progress)
 
 

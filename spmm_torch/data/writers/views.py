@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...errors import DataError
+
 if TYPE_CHECKING:
     from ..btf import BTF
     from ..store import Progress
@@ -18,13 +20,31 @@ def pictures_of_views(btf: BTF, progress: Progress | None) -> Iterator[np.ndarra
     """The linear pictures `[L, H, W, 3]` float32 of each view.
 
     `progress(done, total)` is called when the caller asks for the next view.
+
+    Raises:
+        DataError: pairs are missing.
     """
+    refuse_gaps(btf)
     count = len(btf.view)
     for view in range(count):
         # Texels are apart in memory: one copy is faster than scattered reads of each picture.
         yield btf.pictures(view).contiguous().numpy()
         if progress is not None:
             progress(view + 1, count)
+
+
+def refuse_gaps(btf: BTF) -> None:
+    """Refuses a BTF with missing pairs, which files would hold as black.
+
+    Raises:
+        DataError: pairs are missing.
+    """
+    if btf.missing is not None:
+        raise DataError(
+            f"{btf.path or btf.name} has no values at {btf.pair_count - btf.measured_count} of its "
+            f"{btf.pair_count} pairs of directions; expected values at all, as files cannot tell "
+            f"what is missing from what is black; fit it as it is."
+        )
 
 
 def fits_half(btf: BTF) -> bool:
