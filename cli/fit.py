@@ -12,6 +12,7 @@ from typing import Any
 
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.schema import describe
+from spmm_torch.config.written import Written
 
 from .parser import Parser, add_cache, add_output, file_name
 from .places import rectangle
@@ -20,9 +21,9 @@ from .settings import escaped, in_yaml, settings_lines
 # The options that are short for a setting: its key, the option, and what argparse is to know of it.
 SHORT: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("device", "--device", {"metavar": "DEVICE"}),
-    ("seed", "--seed", {"type": int, "metavar": "N"}),
+    ("seed", "--seed", {"type": Written, "metavar": "N"}),
     ("data.crop", "--crop", {"type": rectangle, "metavar": "X,Y,W,H"}),
-    ("data.texels", "--texels", {"type": int, "metavar": "N"}),
+    ("data.texels", "--texels", {"type": Written, "metavar": "N"}),
     ("data.directions", "--directions", {"metavar": "K"}),
     ("weights.scene", "--scene", {"type": file_name, "metavar": "YAML"}),
     ("weights.file", "--weights", {"type": file_name, "metavar": "NPZ"}),
@@ -41,7 +42,11 @@ def add_options(parser: Parser) -> None:
     )
     add_output(parser, "RUN", "run folder to make")
     add(
-        "--config", type=file_name, metavar="YAML", help="settings file (default: the values below)"
+        "--config",
+        type=file_name,
+        metavar="YAML",
+        help="settings file, or the name of one that ships: default, fast, quality, paper or smoke "
+        "(default: the values below)",
     )
     add(
         "--set",
@@ -142,9 +147,10 @@ def config_of(options: argparse.Namespace) -> FitConfig:
     Raises:
         ConfigError: a file that cannot be read, an unknown key, or a value out of its range.
     """
+    from spmm_torch.config.shipped import settings_of
     from spmm_torch.runtime.device import local_device
 
-    config = FitConfig.from_yaml(options.config) if options.config else FitConfig()
+    config = settings_of(options.config) if options.config else FitConfig()
     given = {key: vars(options)[key] for key, _, _ in SHORT}
     changes = {key: value for key, value in given.items() if value is not None}
     config = config.override(options.set).changed(changes)

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn, Protocol
 
+from spmm_torch.config.written import Written
 from spmm_torch.errors import ConfigError
 
 
@@ -67,6 +68,31 @@ def print_lines(lines: Iterable[str]) -> None:
 def file_name(text: str) -> str:
     """The name of a file or folder as it was typed: shells complete arguments of this `type`."""
     return text
+
+
+def whole_number(text: str) -> int:
+    """The `type` of an option that takes a whole number and is no setting.
+
+    Raises:
+        ArgumentTypeError: it is none.
+    """
+    return _number(text, int, "whole number such as 12")
+
+
+def number(text: str) -> float:
+    """The `type` of an option that takes a number and is no setting.
+
+    Raises:
+        ArgumentTypeError: it is none.
+    """
+    return _number(text, float, "number such as 2.2")
+
+
+def _number(text: str, kind: type, what: str) -> Any:
+    try:
+        return Written(text).as_type(kind)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number; expected a {what}") from None
 
 
 def add_run(parser: Group, meaning: str = "run folder") -> None:

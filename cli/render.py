@@ -11,7 +11,7 @@ from spmm_torch.config.render import LIGHT_FORMS, SceneConfig
 from spmm_torch.errors import ConfigError
 
 from .inputs import decode
-from .parser import Parser, add_cache, add_output, file_name
+from .parser import Parser, add_cache, add_output, file_name, number, whole_number
 from .settings import add_settings, read_settings
 
 if TYPE_CHECKING:
@@ -48,11 +48,13 @@ def add_options(parser: Parser) -> None:
     add(
         "--gamma",
         dest="display_gamma",
-        type=float,
+        type=number,
         metavar="X",
         help="display gamma of a .png or .gif (default: the sRGB curve)",
     )
-    add("--turntable", type=int, metavar="N", help=f"frames of one turn; 2 to {MAX_FRAMES}")
+    add(
+        "--turntable", type=whole_number, metavar="N", help=f"frames of one turn; 2 to {MAX_FRAMES}"
+    )
     add(
         "--turn",
         choices=("light", "camera"),

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 import yaml
 
 from spmm_torch.config.schema import REQUIRED, allowed, checked, describe, plain
+from spmm_torch.config.written import Written
 
 from .parser import Group
 
@@ -40,7 +41,7 @@ def add_setting(parser: Group, item: Field[Any], kind: type) -> None:
     span = "" if choices else allowed(item.metadata)
     parser.add_argument(
         option,
-        type=kind,
+        type=Written if kind in METAVARS and not choices else kind,
         default=item.default,
         choices=choices,
         metavar=None if choices else METAVARS.get(kind, item.name.upper()),

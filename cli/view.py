@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from spmm_torch.errors import ConfigError
 
-from .parser import Parser, add_against, add_run, file_name
+from .parser import Parser, add_against, add_run, file_name, whole_number
 from .places import texel, view_angles
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def add_options(parser: Parser) -> None:
     what.add_argument(
         "--mosaic",
         nargs="?",
-        type=int,
+        type=whole_number,
         const=MOSAIC,
         metavar="N",
         help=f"lobes of N x N texels over the texture; 1 to 32 (default: {MOSAIC})",

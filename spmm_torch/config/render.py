@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .schema import check_settings, setting
+from .schema import MAX_SEED, check_settings, setting
 
 # A picture of 4096 x 4096 pixels takes about 500 MB.
 MAX_COUNT = 1 << 12
@@ -32,7 +32,7 @@ class RenderSettings:
         low=1,
         high=MAX_COUNT,
     )
-    seed: int = setting(0, "seed of every random choice", low=0)
+    seed: int = setting(0, "seed of every random choice", low=0, high=MAX_SEED)
     lighting: str = setting(
         "auto",
         "light of environments: fixed (the same directions for all pixels, without noise), sampled "

@@ -9,6 +9,7 @@ from pathlib import Path
 import torch
 import yaml
 
+from ...config.written import load_text
 from ...edit import Mask, Script, Step, lobe_group
 from ...errors import ConfigError
 from ...model.spmm import SPMM
@@ -224,7 +225,7 @@ def _items(text: str) -> list[object]:
         ConfigError: no YAML.
     """
     try:
-        items = yaml.safe_load(text)
+        items = load_text(text)
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"the edit is not valid YAML: {reason}; mend it.") from error

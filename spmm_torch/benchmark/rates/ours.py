@@ -5,12 +5,13 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from ...config.shipped import shipped
 from ...evaluate.slices import slice_figures
 from ...fit.pipeline import FitResult
 from ...model.relief import Relief
 from ...runtime.context import Context
 from ..fits import on_device, plain_fit
-from ..variants import DEFAULT, shipped
+from ..variants import DEFAULT
 from .subject import Row, Subject
 
 # `relief.mode` of the two lines, and their names.
