@@ -11,7 +11,7 @@ from pathlib import Path
 from spmm_torch.config.editor import EditorSettings
 from spmm_torch.errors import ConfigError
 
-from .parser import Group
+from .parser import Group, print_lines
 from .settings import add_settings, read_settings
 
 COMMAND = "spmm edit --interactive"
@@ -49,11 +49,12 @@ def run(options: argparse.Namespace) -> list[str]:
     leave_a_core()
     with tempfile.TemporaryDirectory(prefix="spmm_edit_") as folder:
         app = EditorApp(session, Path(folder), options.output or "", settings.size)
-        print(f"The editor is at http://{settings.host}:{port}/ ; stop it with Ctrl+C.", flush=True)
+        address = f"http://{settings.host}:{port}/"
+        print_lines([f"The editor is at {address} ; stop it with Ctrl+C."])
         try:
             app.run(settings.host, port, not options.no_browser)
         except KeyboardInterrupt:
-            print()  # the way to end it
+            print_lines([""])  # the way to end it
     return []
 
 

@@ -6,6 +6,7 @@ Started with torchrun, several processes share the work.
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,12 +91,14 @@ def run(options: argparse.Namespace) -> list[str]:
     What a stopped run has finished stays beside it, for `--resume`.
     """
     from spmm_torch.runs.folder import REPORT_PAGE, is_finished, remove_leftovers
+    from spmm_torch.runtime.lasting import outliving_terminal
     from spmm_torch.runtime.ranks import speaks
 
     if options.resume and is_finished(options.output):
         remove_leftovers(options.output)
     else:
-        fit_run(options)
+        with outliving_terminal():
+            fit_run(options)
     return [str(Path(options.output) / REPORT_PAGE)] if speaks() else []
 
 
@@ -106,7 +109,8 @@ def fit_run(options: argparse.Namespace) -> None:
     from spmm_torch.fit import fit
     from spmm_torch.fit.weighting import given_weights
     from spmm_torch.report.summary import headline
-    from spmm_torch.runs.folder import LOG, STATE, fingerprint, new_run, write_run
+    from spmm_torch.runs.fingerprint import fingerprint, key_of
+    from spmm_torch.runs.folder import LOG, STATE, new_run, unfinished, write_run
     from spmm_torch.runtime.context import Context
     from spmm_torch.runtime.device import resolve_device
     from spmm_torch.runtime.memory import parse_size
@@ -118,19 +122,23 @@ def fit_run(options: argparse.Namespace) -> None:
     cache = Path(options.cache) if options.cache else None
     btf = load_input(options.input, config.data, config.seed)
     weights = given_weights(btf, config.weights)
-    depends_on = fingerprint(btf, config) | {"weights": weights.digest()}
-    with (
-        joined_ranks(resolve_device(config.device)) as ranks,
-        new_run(options.output, depends_on, options.resume, ranks) as folder,
-    ):
+    with ExitStack() as held:
+        ranks = held.enter_context(joined_ranks(resolve_device(config.device)))
+        log = unfinished(options.output) / LOG if ranks.is_first else None
+        progress = Progress(log=log, enabled=ranks.is_first)
+        facts = ranks.first(lambda: fingerprint(btf, config, weights))
+        folder = held.enter_context(
+            new_run(options.output, facts, options.resume, ranks, progress.say)
+        )
         context = Context.build(
             config.device,
             config.seed,
             memory=memory,
-            progress=Progress(log=folder / LOG if ranks.is_first else None, enabled=ranks.is_first),
+            progress=progress,
             ranks=ranks,
             state=folder / STATE,
             cache=cache,
+            depends_on=key_of(facts),
         )
         result = fit(btf, config, context, weights=weights, render=not options.no_render)
         if ranks.is_first:

@@ -60,7 +60,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     itemsize = header.dtype.itemsize
     opener = array_opener(header, f"'values' of {path}", views, key)
     name = material_name(source)
-    return BTF(name, str(path), height, width, view, light, itemsize, opener, hdr=None)
+    return BTF(name, str(path), height, width, view, light, itemsize, opener, hdr=None, content=key)
 
 
 def _read_small_parts(path: Path) -> tuple[ArrayHeader, np.ndarray, np.ndarray]:

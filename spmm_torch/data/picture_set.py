@@ -80,6 +80,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         open_store=pictures.open_store,
         hdr=None if pictures.codec.HDR else False,
         missing=pictures.grid.missing,
+        content=pictures.content,
     )
 
 
@@ -126,6 +127,14 @@ class PictureSet:
     def bytes_per_value(self) -> float:
         """Bytes of a value in the source; RGBE stores three values in four bytes."""
         return self.dtype.itemsize * self.width / CHANNELS
+
+    def content(self) -> list[tuple[str, int | str]]:
+        """Names of all pictures with hashes or checksums of them.
+
+        Raises:
+            DataError: a picture cannot be read any more.
+        """
+        return _fingerprint(self.path, [name for name in self.grid.files if name is not None])
 
     def open_store(self, part: Part, loading: Loading) -> Store:
         """Decodes a part of the pictures.
