@@ -11,6 +11,7 @@ from pathlib import Path
 from spmm_torch.config.editor import EditorSettings
 from spmm_torch.errors import ConfigError
 
+from .inputs import check_run
 from .parser import Group, print_lines
 from .settings import add_settings, read_settings
 
@@ -36,6 +37,7 @@ def run(options: argparse.Namespace) -> list[str]:
     Raises:
         SPMMError: bad input, or a package is missing.
     """
+    check_run(options.run)
     from spmm_torch.runtime.device import resolve_device
     from spmm_torch.viz.editor.session import Session
     from spmm_torch.viz.requirements import require_packages

@@ -13,8 +13,10 @@ from typing import Any
 
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.schema import describe
+from spmm_torch.config.size import parse_size
 from spmm_torch.config.written import Written
 
+from .inputs import check_input, check_place
 from .parser import Parser, add_cache, add_output, file_name
 from .places import rectangle
 from .settings import escaped, in_yaml, settings_lines
@@ -90,6 +92,11 @@ def run(options: argparse.Namespace) -> list[str]:
 
     What a stopped run has finished stays beside it, for `--resume`.
     """
+    config, memory = config_of(options), memory_of(options)
+    if not Path(options.output).exists():
+        check_input(options.input)
+    elif not options.resume:
+        check_place(options.output)
     from spmm_torch.runs.folder import REPORT_PAGE, is_finished, remove_leftovers
     from spmm_torch.runtime.lasting import outliving_terminal
     from spmm_torch.runtime.ranks import speaks
@@ -98,12 +105,21 @@ def run(options: argparse.Namespace) -> list[str]:
         remove_leftovers(options.output)
     else:
         with outliving_terminal():
-            fit_run(options)
+            fit_run(options, config, memory)
     return [str(Path(options.output) / REPORT_PAGE)] if speaks() else []
 
 
-def fit_run(options: argparse.Namespace) -> None:
-    """Fits, and writes the run folder."""
+def memory_of(options: argparse.Namespace) -> int | None:
+    """The bytes of --max-memory; None without it.
+
+    Raises:
+        ConfigError: it is no size.
+    """
+    return parse_size(options.max_memory) if options.max_memory is not None else None
+
+
+def fit_run(options: argparse.Namespace, config: FitConfig, memory: int | None) -> None:
+    """Fits in at most `memory` bytes, and writes the run folder."""
     from spmm_torch.data import load_input
     from spmm_torch.evaluate import opening_section
     from spmm_torch.fit import fit
@@ -112,13 +128,11 @@ def fit_run(options: argparse.Namespace) -> None:
     from spmm_torch.runs.fingerprint import fingerprint, key_of
     from spmm_torch.runs.folder import LOG, STATE, new_run, unfinished, write_run
     from spmm_torch.runtime.context import Context
-    from spmm_torch.runtime.device import resolve_device
-    from spmm_torch.runtime.memory import parse_size
+    from spmm_torch.runtime.device import local_device, resolve_device
     from spmm_torch.runtime.progress import Progress
     from spmm_torch.runtime.ranks import joined_ranks
 
-    config = config_of(options)
-    memory = parse_size(options.max_memory) if options.max_memory else None
+    config = replace(config, device=local_device(config.device))
     cache = Path(options.cache) if options.cache else None
     btf = load_input(options.input, config.data, config.seed)
     weights = given_weights(btf, config.weights)
@@ -156,10 +170,8 @@ def config_of(options: argparse.Namespace) -> FitConfig:
         ConfigError: a file that cannot be read, an unknown key, or a value out of its range.
     """
     from spmm_torch.config.shipped import settings_of
-    from spmm_torch.runtime.device import local_device
 
     config = settings_of(options.config) if options.config else FitConfig()
     given = {key: vars(options)[key] for key, _, _ in SHORT}
     changes = {key: value for key, value in given.items() if value is not None}
-    config = config.override(options.set).changed(changes)
-    return replace(config, device=local_device(config.device))
+    return config.override(options.set).changed(changes)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from spmm_torch.errors import ConfigError
 
+from .inputs import check_place, check_run
 from .parser import Parser, add_against, add_run, file_name, whole_number
 from .places import texel, view_angles
 
@@ -106,6 +107,9 @@ def _check(options: argparse.Namespace) -> None:
     """Refuses what cannot go on, before any work is done."""
     from spmm_torch.viz.requirements import require_packages, require_window, use_offscreen
 
+    check_run(options.run)
+    for path in filter(None, (options.save, options.html)):
+        check_place(path, replaces=True)
     for option, suffix in (("save", ".png"), ("html", ".html")):
         path = getattr(options, option)
         if path is not None and Path(path).suffix.lower() != suffix:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
 FILE_NAME = "report.json"
+VERSION = 1  # of the format; reports without one are of earlier releases
 
 Built = TypeVar("Built")
 
@@ -132,7 +133,7 @@ class Report:
     """Every figure of a run, in the order of the file.
 
     Attributes:
-        input: path of the BTF, or its name.
+        input: absolute path of the BTF, or its name.
         texels, direction_pairs, channels: of the input; pairs without a picture do not count.
         clusters: K.
         total_basis: lobes of the dictionary, J.
@@ -157,6 +158,7 @@ class Report:
         device: its name.
         seed: of every random choice.
         versions: by package.
+        format: version of the format.
     """
 
     input: str
@@ -187,6 +189,7 @@ class Report:
     device: str
     seed: int
     versions: dict[str, Any] = field(default_factory=dict)
+    format: int = VERSION
 
     def to_dict(self) -> dict[str, Any]:
         """The keys of `report.json` with their values, in order."""
@@ -203,6 +206,32 @@ class Report:
         return _built(cls, values)
 
 
+def older_report(values: Any) -> Report:
+    """The report of any release: figures that it lacks are None, others that it has are left out.
+
+    Raises:
+        ValueError: it is none: it lacks what reports of all releases have.
+    """
+    if not isinstance(values, Mapping) or not all(values.get(key) for key in ALWAYS):
+        raise ValueError(f"it lacks {' or '.join(ALWAYS)}")
+    known: dict[str, Any] = {}
+    for key, below in REPORT_KEYS.items():
+        value = values.get(key)
+        group = value if isinstance(value, Mapping) else {}
+        known[key] = {name: group.get(name) for name in below} if below else value
+    return Report.from_dict(_with_inner(known) | {"format": VERSION})
+
+
+def _with_inner(values: dict[str, Any]) -> dict[str, Any]:
+    """The same with groups inside of groups complete, as `display.psnr_db`."""
+    for key, kind in GROUPS.items():
+        for name, inner in _groups(kind).items():
+            found = values[key][name]
+            group = found if isinstance(found, Mapping) else {}
+            values[key][name] = {part.name: group.get(part.name) for part in fields(inner)}
+    return values
+
+
 def _groups(kind: type) -> dict[str, type]:
     """The fields of a dataclass whose values are dataclasses, and their classes."""
     hints: dict[str, type] = get_type_hints(kind)
@@ -216,6 +245,8 @@ def _built(kind: type[Built], values: Mapping[str, Any]) -> Built:
 
 
 GROUPS = _groups(Report)
+# What reports of all releases have.
+ALWAYS = ("input", "raw_bytes")
 # Every key in its order, with the keys below it; () for none, or for keys that vary.
 REPORT_KEYS: dict[str, tuple[str, ...]] = {
     each.name: tuple(part.name for part in fields(GROUPS[each.name])) if each.name in GROUPS else ()

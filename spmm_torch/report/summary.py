@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from dataclasses import fields
 from importlib.metadata import PackageNotFoundError, version
@@ -69,7 +70,7 @@ def summarize(
     seconds = {each.name: context.watch.seconds.get(each.name, 0.0) for each in fields(Seconds)}
     errors = (totals.without_residual, totals.with_residual)
     return Report(
-        input=btf.path or btf.name,
+        input=os.path.abspath(btf.path) if btf.path else btf.name,
         texels=btf.texel_count,
         direction_pairs=btf.measured_count,
         channels=btf.channels,

@@ -6,7 +6,6 @@ import errno
 import math
 import mmap
 import os
-import re
 import shutil
 import sys
 import tempfile
@@ -25,8 +24,6 @@ try:
     import resource
 except ImportError:  # Windows has none
     resource = None
-UNITS = "KMGT"
-SIZE = re.compile(rf"\s*(\d+(?:\.\d+)?)\s*(?:([{UNITS}])(I?))?B?\s*", re.IGNORECASE)
 # Fraction of the free memory that a run may take, unless a limit is given.
 DEFAULT_FRACTION = 0.5
 # Bytes of memory where the system tells none: --max-memory says more.
@@ -44,20 +41,6 @@ CGROUPS = (
     ),
 )
 CGROUP_DETAILS = "memory.stat"
-
-
-def parse_size(text: str) -> int:
-    """The bytes that a text such as `4GB`, `500 MB` or `3GiB` names.
-
-    Raises:
-        ConfigError: the text names no size.
-    """
-    match = SIZE.fullmatch(text)
-    if match is None:
-        raise ConfigError(f"{text!r} is no size; expected a number with a unit such as 4GB.")
-    number, unit, binary = match.groups()
-    power = UNITS.index(unit.upper()) + 1 if unit else 0
-    return int(float(number) * (1024 if binary else 1000) ** power)
 
 
 def free_memory() -> int:
