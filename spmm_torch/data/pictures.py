@@ -16,6 +16,7 @@ from torch import Tensor
 
 from ..errors import DataError
 from ..geometry.directions import direction_from_angles
+from ..runtime.atomic import readable
 
 Direction = tuple[float, float]  # (theta, phi) in degrees, as in file names
 
@@ -154,7 +155,7 @@ def parse_angles(name: str) -> tuple[Direction, Direction] | None:
 def material_name(path: Path) -> str:
     """A short name of the material at a path: that of the folder, or of the file without suffix."""
     resolved = path.resolve()
-    return resolved.name if resolved.is_dir() else resolved.stem
+    return readable(resolved.name if resolved.is_dir() else resolved.stem)
 
 
 def _direction(theta: float, phi: float) -> Direction:

@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
+from ..runtime.atomic import is_text
+
 FILE_NAME = "report.json"
 VERSION = 1  # of the format; reports without one are of earlier releases
 
@@ -286,8 +288,14 @@ def write_report(folder: Path, report: Report) -> Path:
 
 
 def json_text(content: Mapping[str, Any]) -> str:
-    """The text of a JSON file; numbers that are not finite become null."""
-    return json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    """The text of a JSON file; numbers that are not finite become null.
+
+    Where a name holds bytes that are no UTF-8, as paths may, letters beyond ASCII are escaped.
+    """
+    text = json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False)
+    if is_text(text):
+        return text + "\n"
+    return json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
 
 
 def _finite(value: Any) -> Any:

@@ -125,7 +125,7 @@ def headline(report: Report) -> str:
         f"SNR {snr.without_residual:.2f} dB without residual, {snr.with_residual:.2f} dB "
         f"with it (bare cluster means {snr.cluster_mean:.2f} dB), "
         f"{report.mean_basis_per_texel:.1f} lobes a texel, "
-        f"1:{report.compression_ratio:.0f}, {report.seconds.total:.1f} s"
+        f"{report.compression_ratio:.0f} times smaller, {report.seconds.total:.1f} s"
     )
     return "\n".join([line, *picture_lines(report.sharpness, report.display)])
 

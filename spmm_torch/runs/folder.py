@@ -98,7 +98,7 @@ def _begin(
         if _has_state(folder):
             _check_unfinished(target, folder, depends_on, resume, say)
         (folder / STATE).mkdir(exist_ok=True)
-        content = json.dumps(depends_on, ensure_ascii=False).encode()
+        content = json.dumps(depends_on).encode()
         write_atomic(folder / FINGERPRINT, content)
     except OSError as error:
         raise _unwritable(target, error) from error

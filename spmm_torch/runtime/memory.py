@@ -64,7 +64,7 @@ def _available() -> int:
         return _entry(MEMINFO, "MemAvailable:") * 1024
     if hasattr(os, "sysconf"):
         with suppress(OSError, ValueError):
-            return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+            return os.sysconf("SC_PHYS_PAGES") * mmap.PAGESIZE
     return ASSUMED_MEMORY
 
 
@@ -91,7 +91,7 @@ def resident_memory() -> int:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except (OSError, ValueError, IndexError):
         return 0
-    return pages * os.sysconf("SC_PAGE_SIZE")
+    return pages * mmap.PAGESIZE
 
 
 def peak_resident_memory() -> int:

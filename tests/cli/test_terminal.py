@@ -13,6 +13,7 @@ import pytest
 
 from spmm_torch.cli import cache, main
 from spmm_torch.cli.main import BAD_INPUT, STOPPED
+from spmm_torch.evaluate import open_source
 from spmm_torch.geometry.directions import ring_directions
 
 DIRECTIONS = ring_directions(((0.0, 1), (45.0, 4)))
@@ -81,6 +82,20 @@ def test_a_fit_is_whole_without_standard_output(
     assert (folder / "run" / "model.safetensors").exists()
     complaint = capsys.readouterr().err.splitlines()[-1]
     assert complaint.startswith("error: standard output cannot be written") == (code != 0)
+
+
+def test_paths_that_are_no_utf_8(tmp_path: Path) -> None:
+    """A run in such a folder is made, and then read."""
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
+    assert fit(folder) == 0
+    (folder / "brighter.yaml").write_text("- intensity: {factor: 2}")
+    words = ["edit", str(folder / "run"), str(folder / "brighter.yaml"), "-o", str(folder / "two")]
+    assert main.main(words) == 0
+    assert open_source(folder / "two", None).btf.path == str(folder / "a.npz")
 
 
 @pytest.mark.parametrize(
