@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import socket
 import tempfile
@@ -44,7 +45,7 @@ def run(options: argparse.Namespace) -> list[str]:
 
     settings = read_settings(EditorSettings, options)
     require_packages(COMMAND, "trame", "trame_vuetify")
-    port = settings.port or free_port(settings.host)
+    port = free_port(settings.host, settings.port)
     session = Session.open(options.run, resolve_device(options.device))
     from spmm_torch.viz.editor.app import EditorApp
 
@@ -60,17 +61,22 @@ def run(options: argparse.Namespace) -> list[str]:
     return []
 
 
-def free_port(host: str) -> int:
-    """A port that nothing listens at.
+def free_port(host: str, port: int = 0) -> int:
+    """A port that nothing listens at: `port`, or any for 0.
 
     Raises:
-        ConfigError: the host is none of this machine.
+        ConfigError: the host is none of this machine, or something listens at `port`.
     """
     try:
         with socket.socket() as probe:
-            probe.bind((host, 0))
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # left by an earlier editor
+            probe.bind((host, port))
             return probe.getsockname()[1]
     except OSError as error:
+        if port and error.errno in (errno.EADDRINUSE, errno.EACCES):
+            raise ConfigError(
+                f"--port {port} cannot be used ({error}); expected a free one; leave --port out."
+            ) from error
         raise ConfigError(f"--host {host} cannot be used ({error}); expected localhost.") from error
 
 
