@@ -26,7 +26,6 @@ BAD_INPUT, STOPPED = 2, 130
 # Threads of torch that wait for work give way to other programs, in place of spinning; they are
 # read when torch is loaded. An idle machine loses little by it.
 PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
-MEMORY_ERRORS = (MemoryError, RuntimeError)
 TOO_LITTLE_MEMORY = (
     "there is too little memory; expected more, or less to do; close other programs, fit a part by "
     "--crop or --texels, or lower --max-memory or --size."
@@ -91,17 +90,13 @@ def main(arguments: list[str] | None = None) -> int:
             return run_command(given, command)
         except SPMMError as error:
             return complain(f"error: {error}", BAD_INPUT)
-        except MEMORY_ERRORS as error:
-            if not is_memory(error):
-                raise
-            return complain(f"error: {TOO_LITTLE_MEMORY}", BAD_INPUT)
-        except KeyboardInterrupt:
-            return complain(stopped, STOPPED)
-        except BaseException:
+        except BaseException as error:
             # What Ctrl-C meets in the midst of an import may come out as any exception.
-            if not interrupted.is_set():
-                raise
-            return complain(stopped, STOPPED)
+            if interrupted.is_set() or isinstance(error, KeyboardInterrupt):
+                return complain(stopped, STOPPED)
+            if is_memory(error):
+                return complain(f"error: {TOO_LITTLE_MEMORY}", BAD_INPUT)
+            raise
 
 
 def run_command(given: Sequence[str], command: str | None) -> int:
@@ -151,7 +146,8 @@ def interruptible() -> Iterator[Event]:
 def is_memory(error: BaseException) -> bool:
     """Whether an error is one of memory, by Python or, in other words, by torch."""
     words = ("allocate memory", "out of memory")
-    return isinstance(error, MemoryError) or any(word in str(error) for word in words)
+    by_torch = isinstance(error, RuntimeError) and any(word in str(error) for word in words)
+    return by_torch or isinstance(error, MemoryError)
 
 
 def parser(commands: Sequence[str] = tuple(COMMANDS)) -> Parser:

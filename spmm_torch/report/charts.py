@@ -86,14 +86,12 @@ def _frame(parts: list[Markup], height: float, title: str) -> Markup:
 
 
 def _row(bar: Bar, top: float, length: float) -> Markup:
-    baseline = top + BAR_HEIGHT - 3
+    baseline, start = top + BAR_HEIGHT - 3, LABEL_WIDTH + length + TEXT_GAP
     return element(
         "g",
         element("text", bar.label, x=LABEL_WIDTH - 8, y=baseline, text_anchor="end"),
         _rectangle(bar, LABEL_WIDTH, top, length, BAR_HEIGHT),
-        element(
-            "text", bar.text, x=f"{LABEL_WIDTH + length + TEXT_GAP:.1f}", y=baseline, class_="quiet"
-        ),
+        element("text", bar.text, x=f"{start:.1f}", y=baseline, class_="quiet"),
     )
 
 

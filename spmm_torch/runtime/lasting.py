@@ -27,6 +27,8 @@ class LastingStream:
 
     def __getattr__(self, name: str) -> Any:
         """Whatever else streams have."""
+        if name == "stream":  # a stop in the midst of `__init__`
+            raise AttributeError(name)
         return getattr(self.stream, name)
 
     def write(self, text: str) -> int:

@@ -50,7 +50,7 @@ class TextureMaps:
         return self.height.shape[0] / self.height.shape[1]
 
     def unlike(self) -> list[str]:
-        """A line for each map of another size than the height map, which is resized to its shape."""
+        """A line for each map of another size than the height map."""
         rows, columns = self.height.shape
         others = {
             "albedo": self.albedo,

@@ -121,17 +121,18 @@ def test_too_little_memory_is_one_sentence(
     assert shown.startswith(complaint) and shown.count("\n") == 1
 
 
+@pytest.mark.parametrize("kind", [ImportError, SystemError, RecursionError])
 def test_ctrl_c_that_an_import_turns_into_another_error(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    kind: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """C extensions raise an ImportError or SystemError of their own in place of it."""
+    """C extensions and lazy modules raise an error of their own in place of it."""
 
     def run(_: object) -> list[str]:
         try:
             os.kill(os.getpid(), 2)
             raise AssertionError("the signal comes first")
         except KeyboardInterrupt as error:
-            raise ImportError("initialization raised unreported exception") from error
+            raise kind("initialization raised unreported exception") from error
 
     monkeypatch.setattr(cache, "run", run)
     assert main.main(["cache", "list"]) == STOPPED
