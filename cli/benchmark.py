@@ -18,7 +18,7 @@ from spmm_torch.benchmark.repeats import FULL_REPEATS, SMALL_REPEATS
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.errors import ConfigError
 
-from .parser import Parser, add_output, file_name
+from .parser import Parser, add_output, file_name, whole_number
 from .settings import add_settings
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def add_options(parser: Parser) -> None:
     add("--small", action="store_true", help="measure for about a minute, to show that it runs")
     add(
         "--repeats",
-        type=int,
+        type=whole_number,
         metavar="N",
         help=f"runs of each measurement at most (default: {FULL_REPEATS}; {SMALL_REPEATS} with "
         f"--small)",
@@ -151,7 +151,8 @@ def measure(bench: Bench, parts: list[str]) -> dict[str, Any]:
     from spmm_torch.benchmark.environment import environment
     from spmm_torch.benchmark.fits import on_device, plain_fit, timed_fit
     from spmm_torch.benchmark.scope import WARM_UP
-    from spmm_torch.benchmark.variants import DEFAULT, shipped
+    from spmm_torch.benchmark.variants import DEFAULT
+    from spmm_torch.config.shipped import shipped
 
     scope = bench.scope
     config = on_device(shipped(DEFAULT, scope.overrides), bench.device)

@@ -10,8 +10,8 @@ from dataclasses import fields
 from pathlib import Path
 
 from spmm_torch.config.fit import DataConfig
-from spmm_torch.data.writers import WRITERS, writer_of
-from spmm_torch.errors import OutputError
+from spmm_torch.data.writers import WRITERS, Writer, writer_of
+from spmm_torch.errors import ConfigError, OutputError
 
 from .inputs import decode
 from .parser import Parser, add_output, file_name
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> list[str]:
     target, progress = Path(options.output), Progress()
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target} exists; expected a new name; choose one or remove it.")
-    writer = WRITERS[options.format] if options.format else writer_of(options.output)
+    writer = writer_for(options.output, options.format)
     settings = read_settings(writer.settings, options)
     btf = load_input(options.input, read_settings(DataConfig, options))
     decode(btf, progress)
@@ -51,3 +51,21 @@ def run(options: argparse.Namespace) -> list[str]:
     with progress.stage("write", total, writer.unit) as stage:
         writer.write(target, btf, settings, stage.to)
     return [str(target)]
+
+
+def writer_for(output: str, name: str | None) -> Writer:
+    """The writer of a format; without its name, by the suffix of the output.
+
+    Raises:
+        ConfigError: the suffix belongs to no format, or to another one than the named.
+    """
+    if name is None:
+        return writer_of(output)
+    writer, suffix = WRITERS[name], Path(output).suffix.lower()
+    others = [other.suffix for other in WRITERS.values() if other.suffix]
+    if suffix != writer.suffix and suffix in others:
+        kind = f"a name in {writer.suffix}" if writer.suffix else "a folder, without a suffix"
+        raise ConfigError(
+            f"output {output} does not fit --format {name}; expected {kind}; change one of them."
+        )
+    return writer

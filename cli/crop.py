@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import argparse
 
-from .parser import Parser, file_name
+from .parser import Parser, file_name, whole_number
 
 # The sides of the rectangle.
 SIDES = {
@@ -26,7 +26,7 @@ def add_options(parser: Parser) -> None:
     add("input", type=file_name, metavar="IN", help="BTF to cut from: zip or folder of JPEGs")
     add("output", type=file_name, metavar="OUT.zip", help="zip to make; an old one is replaced")
     for name, meaning in SIDES.items():
-        add(f"--{name}", type=int, required=True, metavar="N", help=meaning)
+        add(f"--{name}", type=whole_number, required=True, metavar="N", help=meaning)
 
 
 def run(options: argparse.Namespace) -> list[str]:

@@ -12,6 +12,7 @@ from spmm_torch.config.fit import FitConfig
 from spmm_torch.errors import ConfigError
 
 from . import editor
+from .inputs import check_place, check_run
 from .parser import ListAction, Parser, add_output, add_run, file_name
 from .settings import add_settings, settings_lines
 
@@ -49,6 +50,8 @@ def run(options: argparse.Namespace) -> list[str]:
     if options.script is None or options.output is None:
         missing = "SCRIPT" if options.script is None else "-o RUN2"
         raise ConfigError(f"{missing} is missing; spmm edit --help tells what is expected.")
+    check_run(options.run)
+    check_place(options.output)
     from spmm_torch.edit import Script
     from spmm_torch.edit.examples import script_path
     from spmm_torch.runs.edited import edit_run

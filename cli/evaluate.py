@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .parser import Parser, add_output, add_run
-from .source import add_source_options, load_source
+from .source import add_source_options, check_source, load_source
 
 if TYPE_CHECKING:
     from spmm_torch.evaluate import Judgement
@@ -34,6 +34,7 @@ def add_options(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> list[str]:
     """Judges, and writes both files whole or not at all."""
+    check_source(options)
     from spmm_torch.evaluate import judge
     from spmm_torch.evaluate.page import evaluation_page
     from spmm_torch.report.contract import json_text

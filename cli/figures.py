@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 from spmm_torch.config.render import RenderSettings
 from spmm_torch.errors import ConfigError
 
+from .inputs import check_place
 from .parser import ListAction, Parser, add_output, add_run
 from .places import texel, view_angles
 from .settings import add_settings, read_settings
-from .source import add_source_options, load_source
+from .source import add_source_options, check_source, load_source
 
 if TYPE_CHECKING:
     from spmm_torch.figures import Choices, Drawing, Figure
@@ -62,6 +63,8 @@ def figure_lines() -> list[str]:
 
 def run(options: argparse.Namespace) -> list[str]:
     """Draws into a folder that appears whole or not at all."""
+    check_source(options)
+    check_place(options.output)
     from spmm_torch.edit.edits.residual_strength import residual_strength
     from spmm_torch.figures import Subject
     from spmm_torch.model.spmm import SPMM

@@ -6,13 +6,17 @@ Started with torchrun, several processes share the work.
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.schema import describe
+from spmm_torch.config.size import parse_size
+from spmm_torch.config.written import Written
 
+from .inputs import check_input, check_place
 from .parser import Parser, add_cache, add_output, file_name
 from .places import rectangle
 from .settings import escaped, in_yaml, settings_lines
@@ -20,10 +24,10 @@ from .settings import escaped, in_yaml, settings_lines
 # The options that are short for a setting: its key, the option, and what argparse is to know of it.
 SHORT: tuple[tuple[str, str, dict[str, Any]], ...] = (
     ("device", "--device", {"metavar": "DEVICE"}),
-    ("seed", "--seed", {"type": int, "metavar": "N"}),
+    ("seed", "--seed", {"type": Written, "metavar": "N"}),
     ("data.pattern", "--pattern", {"metavar": "NAMES"}),
     ("data.crop", "--crop", {"type": rectangle, "metavar": "X,Y,W,H"}),
-    ("data.texels", "--texels", {"type": int, "metavar": "N"}),
+    ("data.texels", "--texels", {"type": Written, "metavar": "N"}),
     ("data.directions", "--directions", {"metavar": "K"}),
     ("weights.scene", "--scene", {"type": file_name, "metavar": "YAML"}),
     ("weights.file", "--weights", {"type": file_name, "metavar": "NPZ"}),
@@ -44,7 +48,11 @@ def add_options(parser: Parser) -> None:
     )
     add_output(parser, "RUN", "run folder to make")
     add(
-        "--config", type=file_name, metavar="YAML", help="settings file (default: the values below)"
+        "--config",
+        type=file_name,
+        metavar="YAML",
+        help="settings file, or the name of one that ships: default, fast, quality, paper or smoke "
+        "(default: the values below)",
     )
     add(
         "--set",
@@ -87,48 +95,67 @@ def run(options: argparse.Namespace) -> list[str]:
 
     What a stopped run has finished stays beside it, for `--resume`.
     """
+    config, memory = config_of(options), memory_of(options)
+    if not Path(options.output).exists():
+        check_input(options.input)
+    elif not options.resume:
+        check_place(options.output)
     from spmm_torch.runs.folder import REPORT_PAGE, is_finished, remove_leftovers
+    from spmm_torch.runtime.lasting import outliving_terminal
     from spmm_torch.runtime.ranks import speaks
 
     if options.resume and is_finished(options.output):
         remove_leftovers(options.output)
     else:
-        fit_run(options)
+        with outliving_terminal():
+            fit_run(options, config, memory)
     return [str(Path(options.output) / REPORT_PAGE)] if speaks() else []
 
 
-def fit_run(options: argparse.Namespace) -> None:
-    """Fits, and writes the run folder."""
+def memory_of(options: argparse.Namespace) -> int | None:
+    """The bytes of --max-memory; None without it.
+
+    Raises:
+        ConfigError: it is no size.
+    """
+    return parse_size(options.max_memory) if options.max_memory is not None else None
+
+
+def fit_run(options: argparse.Namespace, config: FitConfig, memory: int | None) -> None:
+    """Fits in at most `memory` bytes, and writes the run folder."""
     from spmm_torch.data import load_input
     from spmm_torch.evaluate import opening_section
     from spmm_torch.fit import fit
     from spmm_torch.fit.weighting import given_weights
     from spmm_torch.report.summary import headline
-    from spmm_torch.runs.folder import LOG, STATE, fingerprint, new_run, write_run
+    from spmm_torch.runs.fingerprint import fingerprint, key_of
+    from spmm_torch.runs.folder import LOG, STATE, new_run, unfinished, write_run
     from spmm_torch.runtime.context import Context
-    from spmm_torch.runtime.device import resolve_device
-    from spmm_torch.runtime.memory import parse_size
+    from spmm_torch.runtime.device import local_device, resolve_device
     from spmm_torch.runtime.progress import Progress
     from spmm_torch.runtime.ranks import joined_ranks
 
-    config = config_of(options)
-    memory = parse_size(options.max_memory) if options.max_memory else None
+    config = replace(config, device=local_device(config.device))
     cache = Path(options.cache) if options.cache else None
     btf = load_input(options.input, config.data, config.seed)
     weights = given_weights(btf, config.weights)
-    depends_on = fingerprint(btf, config) | {"weights": weights.digest()}
-    with (
-        joined_ranks(resolve_device(config.device)) as ranks,
-        new_run(options.output, depends_on, options.resume, ranks) as folder,
-    ):
+    with ExitStack() as held:
+        ranks = held.enter_context(joined_ranks(resolve_device(config.device)))
+        log = unfinished(options.output) / LOG if ranks.is_first else None
+        progress = Progress(log=log, enabled=ranks.is_first)
+        facts = ranks.first(lambda: fingerprint(btf, config, weights))
+        folder = held.enter_context(
+            new_run(options.output, facts, options.resume, ranks, progress.say)
+        )
         context = Context.build(
             config.device,
             config.seed,
             memory=memory,
-            progress=Progress(log=folder / LOG if ranks.is_first else None, enabled=ranks.is_first),
+            progress=progress,
             ranks=ranks,
             state=folder / STATE,
             cache=cache,
+            depends_on=key_of(facts),
         )
         result = fit(btf, config, context, weights=weights, render=not options.no_render)
         if ranks.is_first:
@@ -145,10 +172,9 @@ def config_of(options: argparse.Namespace) -> FitConfig:
     Raises:
         ConfigError: a file that cannot be read, an unknown key, or a value out of its range.
     """
-    from spmm_torch.runtime.device import local_device
+    from spmm_torch.config.shipped import settings_of
 
-    config = FitConfig.from_yaml(options.config) if options.config else FitConfig()
+    config = settings_of(options.config) if options.config else FitConfig()
     given = {key: vars(options)[key] for key, _, _ in SHORT}
     changes = {key: value for key, value in given.items() if value is not None}
-    config = config.override(options.set).changed(changes)
-    return replace(config, device=local_device(config.device))
+    return config.override(options.set).changed(changes)

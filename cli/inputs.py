@@ -1,13 +1,71 @@
-"""BTFs as commands read them."""
+"""BTFs and runs as commands read them, and what can be told of them at once.
+
+Torch takes seconds to import: what is wrong with a name is found before that.
+"""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from spmm_torch.errors import DataError, OutputError
 
 if TYPE_CHECKING:
     from spmm_torch.data import BTF
     from spmm_torch.runtime.progress import Progress
+
+
+FORMATS = "a zip or folder of pictures, an UBO2014 .btf, or an NPZ"
+MODEL_SUFFIX = ".safetensors"
+
+
+def check_input(path: str) -> None:
+    """Checks that there is something at the path of a BTF.
+
+    Raises:
+        DataError: there is nothing.
+    """
+    if not Path(path).exists():
+        raise DataError(f"{path} does not exist; expected {FORMATS}; check the path.")
+
+
+def check_run(path: str, hint: str = "fit it by spmm fit first") -> None:
+    """Checks that a path may be that of a run folder or model file.
+
+    Args:
+        path: of the run.
+        hint: what to do where it is another file, such as a BTF.
+
+    Raises:
+        OutputError: there is nothing, or a file of another kind.
+    """
+    place = Path(path)
+    if not place.exists():
+        raise OutputError(
+            f"{path} does not exist; expected a run folder made by spmm fit; check the path."
+        )
+    if place.is_file() and place.suffix.lower() != MODEL_SUFFIX:
+        raise OutputError(f"{path} is neither a run folder nor a {MODEL_SUFFIX} file; {hint}.")
+
+
+def check_place(path: str, *, replaces: bool = False) -> None:
+    """Checks that an output can be made, before work of minutes is done for it.
+
+    Args:
+        path: of the output.
+        replaces: whether a file of that name is replaced.
+
+    Raises:
+        OutputError: there is something already, or no folder to write into.
+    """
+    target = Path(path)
+    folder = target.parent
+    if target.is_dir() or (not replaces and (target.exists() or target.is_symlink())):
+        raise OutputError(f"{path} exists; expected a new name; choose one or remove it.")
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        reason = "is not writable" if folder.is_dir() else "is no folder"
+        raise OutputError(f"{path} cannot be written ({folder} {reason}); choose another place.")
 
 
 def decode(btf: BTF, progress: Progress, cache: str | None = None) -> None:

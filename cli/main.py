@@ -4,19 +4,32 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from threading import Event, current_thread, main_thread
 from types import ModuleType
+from typing import NoReturn
 
 from spmm_torch import __version__
 from spmm_torch.errors import SPMMError
+from spmm_torch.runtime.lasting import lasting_errors
 
 from .parser import Parser, print_lines
 
 # Exit codes: of bad input, and of a command that Ctrl-C has ended, as shells give it.
 BAD_INPUT, STOPPED = 2, 130
+# Threads of torch that wait for work give way to other programs, in place of spinning; they are
+# read when torch is loaded. An idle machine loses little by it.
+PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
+TOO_LITTLE_MEMORY = (
+    "there is too little memory; expected more, or less to do; close other programs, fit a part by "
+    "--crop or --texels, or lower --max-memory or --size."
+)
 NOTHING_WRITTEN = "stopped; nothing was written."
 
 
@@ -64,25 +77,77 @@ def main(arguments: list[str] | None = None) -> int:
     Raises:
         SystemExit: after a help text was printed.
     """
+    if "torch" not in sys.modules:
+        os.environ.update(
+            {name: value for name, value in PASSIVE.items() if name not in os.environ}
+        )
     given = sys.argv[1:] if arguments is None else arguments
-    root = parser([word for word in given[:1] if word in COMMANDS])
+    with lasting_errors(), interruptible() as interrupted:
+        stopped = Command.stopped
+        try:
+            command = given[0] if given and given[0] in COMMANDS else None
+            stopped = COMMANDS[command].stopped if command else stopped
+            return run_command(given, command)
+        except SPMMError as error:
+            return complain(f"error: {error}", BAD_INPUT)
+        except BaseException as error:
+            # What Ctrl-C meets in the midst of an import may come out as any exception.
+            if interrupted.is_set() or isinstance(error, KeyboardInterrupt):
+                return complain(stopped, STOPPED)
+            if is_memory(error):
+                return complain(f"error: {TOO_LITTLE_MEMORY}", BAD_INPUT)
+            raise
+
+
+def run_command(given: Sequence[str], command: str | None) -> int:
+    """Runs a command and prints what it has made; the exit code.
+
+    Raises:
+        SPMMError: bad input.
+        SystemExit: after a help text was printed.
+    """
+    root = parser([command] if command else [])
     if not given:
         root.print_help()
         return BAD_INPUT
-    stopped = Command.stopped
-    try:
-        options, unknown = root.parse_known_args(given)
-        if unknown:
-            options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
-        stopped = COMMANDS[options.command].stopped
-        print_lines(module_of(options.command).run(options))
-    except SPMMError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        print(stopped, file=sys.stderr)
-        return STOPPED
+    options, unknown = root.parse_known_args(given)
+    if unknown:
+        options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
+    print_lines(module_of(options.command).run(options))
     return 0
+
+
+def complain(text: str, code: int) -> int:
+    """Says a sentence on standard error; gives the exit code."""
+    print(text, file=sys.stderr, flush=True)
+    return code
+
+
+@contextmanager
+def interruptible() -> Iterator[Event]:
+    """Within the block under `with`, Ctrl-C raises KeyboardInterrupt and sets the event."""
+    interrupted = Event()
+
+    def interrupt(*_: object) -> NoReturn:
+        interrupted.set()
+        raise KeyboardInterrupt
+
+    before = signal.getsignal(signal.SIGINT)
+    ours = before is signal.default_int_handler and current_thread() is main_thread()
+    if ours:  # else the shell wants it ignored, as it does for jobs in the background
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield interrupted
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
+
+
+def is_memory(error: BaseException) -> bool:
+    """Whether an error is one of memory, by Python or, in other words, by torch."""
+    words = ("allocate memory", "out of memory")
+    by_torch = isinstance(error, RuntimeError) and any(word in str(error) for word in words)
+    return by_torch or isinstance(error, MemoryError)
 
 
 def parser(commands: Sequence[str] = tuple(COMMANDS)) -> Parser:

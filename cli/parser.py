@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 import argparse
-import os
+import errno
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NoReturn, Protocol
 
-from spmm_torch.errors import ConfigError
+from spmm_torch.config.written import Written
+from spmm_torch.errors import ConfigError, OutputError
+from spmm_torch.runtime.lasting import LastingStream
+
+# Of a stream whose reader has read enough, such as head, or that was closed.
+NOBODY_READS = (errno.EPIPE, errno.EBADF)
+# Options begin with a letter: -1GB and -1 are values, which are then judged as such.
+VALUE = re.compile(r"-\.?\d")
 
 
 class Parser(argparse.ArgumentParser):
     """An argument parser that raises its complaints, so that they end like all others."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self._negative_number_matcher = VALUE
 
     def error(self, message: str) -> NoReturn:
         """Raises the complaint.
@@ -55,18 +67,50 @@ class ListAction(argparse.Action):
 
 
 def print_lines(lines: Iterable[str]) -> None:
-    """Prints lines for as long as somebody reads them."""
-    try:
-        for line in lines:
-            print(line)
-        sys.stdout.flush()
-    except BrokenPipeError:  # such as of head; nor must Python complain of it when it ends
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    """Prints lines for as long as somebody reads them.
+
+    Raises:
+        OutputError: standard output cannot be written, such as a file on a full disk.
+    """
+    output = LastingStream(sys.stdout)
+    for line in lines:
+        output.write(f"{line}\n")
+    output.flush()
+    if output.reason is not None and output.reason.errno not in NOBODY_READS:
+        raise OutputError(
+            f"standard output cannot be written ({output.reason}); the command itself is done; "
+            f"send its output elsewhere."
+        ) from output.reason
 
 
 def file_name(text: str) -> str:
     """The name of a file or folder as it was typed: shells complete arguments of this `type`."""
     return text
+
+
+def whole_number(text: str) -> int:
+    """The `type` of an option that takes a whole number and is no setting.
+
+    Raises:
+        ArgumentTypeError: it is none.
+    """
+    return _number(text, int, "whole number such as 12")
+
+
+def number(text: str) -> float:
+    """The `type` of an option that takes a number and is no setting.
+
+    Raises:
+        ArgumentTypeError: it is none.
+    """
+    return _number(text, float, "number such as 2.2")
+
+
+def _number(text: str, kind: type, what: str) -> Any:
+    try:
+        return Written(text).as_type(kind)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number; expected a {what}") from None
 
 
 def add_run(parser: Group, meaning: str = "run folder") -> None:

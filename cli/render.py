@@ -7,11 +7,11 @@ import math
 from typing import TYPE_CHECKING
 
 from spmm_torch.config.fit import DataConfig, FitConfig
-from spmm_torch.config.render import LIGHT_FORMS, SceneConfig
+from spmm_torch.config.render import LIGHT_FORMS, SceneConfig, check_output
 from spmm_torch.errors import ConfigError
 
-from .inputs import decode
-from .parser import Parser, add_cache, add_output, file_name
+from .inputs import check_input, check_place, check_run, decode
+from .parser import Parser, add_cache, add_output, file_name, number, whole_number
 from .settings import add_settings, read_settings
 
 if TYPE_CHECKING:
@@ -48,11 +48,13 @@ def add_options(parser: Parser) -> None:
     add(
         "--gamma",
         dest="display_gamma",
-        type=float,
+        type=number,
         metavar="X",
         help="display gamma of a .png or .gif (default: the sRGB curve)",
     )
-    add("--turntable", type=int, metavar="N", help=f"frames of one turn; 2 to {MAX_FRAMES}")
+    add(
+        "--turntable", type=whole_number, metavar="N", help=f"frames of one turn; 2 to {MAX_FRAMES}"
+    )
     add(
         "--turn",
         choices=("light", "camera"),
@@ -66,13 +68,13 @@ def add_options(parser: Parser) -> None:
 
 def run(options: argparse.Namespace) -> list[str]:
     """Renders, and writes the output whole or not at all."""
+    _check(options)
     from spmm_torch.render import render
     from spmm_torch.render.options import parse_exposure
     from spmm_torch.render.scene_file import scene_of
     from spmm_torch.runtime.device import full_precision, resolve_device
     from spmm_torch.runtime.progress import Progress
 
-    _check(options)
     exposure, config, progress = (
         parse_exposure(options.exposure),
         read_settings(SceneConfig, options),
@@ -143,8 +145,6 @@ def write_pictures(
 
 def _check(options: argparse.Namespace) -> None:
     """Refuses what cannot go on, before any work is done."""
-    from spmm_torch.render.display import check_output
-
     gamma, frames = options.display_gamma, options.turntable
     if options.run is None and options.input is None:
         raise ConfigError("nothing to render; expected RUN, or --input BTF; give one of them.")
@@ -152,4 +152,9 @@ def _check(options: argparse.Namespace) -> None:
         raise ConfigError(f"--gamma is {gamma}; expected a positive number.")
     if frames is not None and not 2 <= frames <= MAX_FRAMES:
         raise ConfigError(f"--turntable is {frames}; expected 2 to {MAX_FRAMES} frames.")
+    check_place(options.output, replaces=True)
     check_output(options.output, frames is not None)
+    if options.input is None:
+        check_run(options.run, f"give --input {options.run} to render a BTF itself")
+    else:
+        check_input(options.input)

@@ -12,6 +12,7 @@ from typing import Any, TypeVar, cast
 import yaml
 
 from spmm_torch.config.schema import REQUIRED, allowed, checked, describe, plain
+from spmm_torch.config.written import Written
 
 from .parser import Group
 
@@ -42,7 +43,7 @@ def add_setting(parser: Group, item: Field[Any], kind: type) -> None:
     default = "null" if item.default is None else item.default
     parser.add_argument(
         option,
-        type=kind,
+        type=Written if kind in METAVARS and not choices else kind,
         default=item.default,
         choices=choices,
         metavar=None if choices else METAVARS.get(kind, item.name.upper()),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from spmm_torch.config.fit import FitConfig
 
-from .inputs import decode
+from .inputs import check_input, check_run, decode
 from .parser import Group, add_against, add_cache
 from .settings import add_settings
 
@@ -21,6 +21,17 @@ def add_source_options(parser: Group) -> None:
     add_against(parser)
     add_settings(parser, FitConfig, "device")
     add_cache(parser)
+
+
+def check_source(options: argparse.Namespace) -> None:
+    """Checks that there may be a run and, where one is given, its input.
+
+    Raises:
+        SPMMError: one of them does not exist.
+    """
+    check_run(options.run)
+    if options.against is not None:
+        check_input(options.against)
 
 
 def load_source(options: argparse.Namespace, progress: Progress) -> Source:

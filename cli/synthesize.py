@@ -39,4 +39,7 @@ def run(options: argparse.Namespace) -> list[str]:
     settings = read_settings(SynthesisSettings, options)
     target_of(Path(options.output), settings.gamma)  # before the maps: it costs nothing
     maps = read_maps(**{role: getattr(options, role) for role in MAPS})
-    return [str(synthesize_btf(maps, options.output, settings, Progress()))]
+    progress = Progress()
+    for line in maps.unlike():
+        progress.say(line)
+    return [str(synthesize_btf(maps, options.output, settings, progress))]

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from spmm_torch.errors import ConfigError
 
-from .parser import Parser, add_against, add_run, file_name
+from .inputs import check_place, check_run
+from .parser import Parser, add_against, add_run, file_name, whole_number
 from .places import texel, view_angles
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def add_options(parser: Parser) -> None:
     what.add_argument(
         "--mosaic",
         nargs="?",
-        type=int,
+        type=whole_number,
         const=MOSAIC,
         metavar="N",
         help=f"lobes of N x N texels over the texture; 1 to 32 (default: {MOSAIC})",
@@ -106,6 +107,9 @@ def _check(options: argparse.Namespace) -> None:
     """Refuses what cannot go on, before any work is done."""
     from spmm_torch.viz.requirements import require_packages, require_window, use_offscreen
 
+    check_run(options.run)
+    for path in filter(None, (options.save, options.html)):
+        check_place(path, replaces=True)
     for option, suffix in (("save", ".png"), ("html", ".html")):
         path = getattr(options, option)
         if path is not None and Path(path).suffix.lower() != suffix:

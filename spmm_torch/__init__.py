@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from .data import BTF, load_btf
     from .model.spmm import SPMM
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "BTF",
     "SPMM",

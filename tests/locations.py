@@ -22,3 +22,14 @@ def needs_data(*names: str) -> pytest.MarkDecorator:
     missing = ", ".join(name for name in names if not (DATA / name).is_file())
     reason = f"no {missing} in {DATA}; SPMM_TEST_DATA can name another folder"
     return pytest.mark.skipif(bool(missing), reason=reason)
+
+
+def data_file(name: str) -> Path:
+    """A file of the test data, for scripts.
+
+    Raises:
+        SystemExit: it is missing; the sentence says where it is looked for.
+    """
+    if not (DATA / name).is_file():
+        raise SystemExit(f"no {name} in {DATA}; SPMM_TEST_DATA can name another folder.")
+    return DATA / name

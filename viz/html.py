@@ -18,6 +18,8 @@ from .scene import Scene
 
 # The page would load its icon from the network; an empty icon takes its place.
 ICON = "https://kitware.github.io/vtk-js/icon/favicon-${t}x${t}.png"
+# Width over height of the narrowest window in which a flat scene is seen whole.
+WINDOW_ASPECT = 1.2
 TITLE = "<title>VTK.js | Example - OfflineLocalView</title>"
 
 
@@ -30,6 +32,9 @@ def save_html(scene: Scene, path: Path | str) -> None:
     from trame_vtk.tools.vtksz2html import write_html
 
     plotter = draw(scene, off_screen=True)
+    width, height = scene.size
+    if plotter.camera.parallel_projection:  # a window is narrower than maps side by side
+        plotter.camera.parallel_scale *= max(width / height / WINDOW_ASPECT, 1.0)
     plotter.render()
     page = io.StringIO()
     write_html(_packed(plotter.render_window), page)

@@ -13,6 +13,7 @@ EXTRA = "pip install 'spmm_torch[viz]'"
 # The variable that names VTK's window class; without it VTK tries a screen first and warns.
 WINDOW_CLASS = "VTK_DEFAULT_OPENGL_WINDOW"
 # Libraries that draw without a screen; one of them is enough.
+X11 = "libX11.so.6"  # by which windows are opened
 EGL, OSMESA = "libEGL.so.1", ("libOSMesa.so.8", "libOSMesa.so.6")
 # The C interface of EGL: EGL_PLATFORM_DEVICE_EXT, most devices, and types of two functions.
 PLATFORM_DEVICE, MAX_DEVICES = 0x313F, 16
@@ -62,11 +63,27 @@ def require_window(command: str) -> None:
     Raises:
         ConfigError: there is no display.
     """
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
-        raise ConfigError(
-            f"{command} finds no display (DISPLAY is not set); expected one for a window; give "
-            f"--save PICTURE.png or --html FILE.html instead."
-        )
+    if sys.platform != "linux" or display_works():
+        return
+    name = os.environ.get("DISPLAY")
+    reason = f"nothing answers at DISPLAY={name}" if name else "DISPLAY is not set"
+    raise ConfigError(
+        f"{command} finds no display ({reason}); expected one for a window; give "
+        f"--save PICTURE.png or --html FILE.html instead."
+    )
+
+
+def display_works() -> bool:
+    """Whether an X server answers; VTK ends without a window and without a word where none does."""
+    if not os.environ.get("DISPLAY") or not can_load(X11):
+        return False
+    library = ctypes.CDLL(X11)
+    library.XOpenDisplay.restype = ctypes.c_void_p
+    library.XOpenDisplay.argtypes = library.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    display = library.XOpenDisplay(None)
+    if display:
+        library.XCloseDisplay(display)
+    return bool(display)
 
 
 def can_load(library: str) -> bool:

@@ -22,6 +22,8 @@ from .protocol import Timing, forget_peak, stage_medians
 from .scope import Bench
 
 # Stages that a fit can take over from another one with the same settings for them.
+# Key of stages that fits of different later settings share.
+SHARED = "shared"
 EARLY_STAGES = ("relief.safetensors", "cluster.safetensors", "search.safetensors")
 # Settings that only matter after these stages, but for the number of principal coordinates.
 LATER_SETTINGS = {"dictionary", "select", "residual", "refit", "storage"}
@@ -104,9 +106,8 @@ class SharedStages:
         for path in self._files(self.kept.get(key)):
             shutil.copy2(path, state / path.name)
         known = forget_peak(bench.device)
-        result = plain_fit(
-            bench.open(), config, Context.build(config.device, config.seed, state=state)
-        )
+        context = Context.build(config.device, config.seed, state=state, depends_on=SHARED)
+        result = plain_fit(bench.open(), config, context)
         if key not in self.kept:
             self.kept[key] = self.folder / str(len(self.kept))
             self.kept[key].mkdir()

@@ -13,6 +13,7 @@ from typing import Any
 import torch
 
 from ..config.fit import ClusterConfig
+from ..config.shipped import shipped
 from ..data import BTF
 from ..data.options import DEFAULT_OPTIONS
 from ..data.picture_set import PictureSet, accepts
@@ -25,7 +26,7 @@ from .counting import CountingStopwatch, Work
 from .fits import TimedFit, on_device, plain_fit
 from .protocol import Timing, measure
 from .scope import Bench, Scope
-from .variants import DEFAULT, shipped
+from .variants import DEFAULT
 
 FLOAT = 4
 # Stages here, and their names in the report; `select` is all work on texels and given lobes.

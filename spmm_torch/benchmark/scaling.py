@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from ..config.fit import FitConfig
+from ..config.shipped import shipped
 from ..data import BTF, Selection
 from ..data.store import Loading, Store
 from ..geometry.directions import UBO2003_RINGS, UBO2014_RINGS
@@ -18,7 +19,7 @@ from ..runtime.threads import cpu_threads
 from .fits import TimedFit, on_device, plain_fit
 from .materials import tiled, with_directions
 from .scope import Bench, Scope
-from .variants import DEFAULT, shipped
+from .variants import DEFAULT
 
 RINGS = (UBO2003_RINGS, UBO2014_RINGS)
 # Stages that take less than this are too short for an exponent.

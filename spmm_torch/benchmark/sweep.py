@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from ..config.shipped import shipped
 from .fits import SharedStages, TimedFit, on_device, timed_fit
 from .front import pareto_front
 from .scope import Bench, Scope
-from .variants import DEFAULT, SHIPPED, VARIANTS, Variant, shipped
+from .variants import DEFAULT, SHIPPED, VARIANTS, Variant
 
 SHIPPED_GROUP = "shipped"
 Row = dict[str, Any]

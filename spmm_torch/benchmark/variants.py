@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.resources import files
-
-import yaml
 
 from ..brdf import PAPER_MODELS
-from ..config.fit import FitConfig
 
 DEFAULT = "default"
 # Shipped settings, configs/NAME.yaml, in the order of the tables.
@@ -66,9 +62,3 @@ VARIANTS: tuple[Variant, ...] = (
     *_each("residual", "residual.joint", "false"),
     *_each("residual", "residual.clusters", "true"),
 )
-
-
-def shipped(name: str, overrides: tuple[str, ...] = ()) -> FitConfig:
-    """The settings of `configs/NAME.yaml` with some overrides."""
-    text = (files("spmm_torch.configs") / f"{name}.yaml").read_text(encoding="utf-8")
-    return FitConfig.from_dict(yaml.safe_load(text) or {}).override(list(overrides))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from statistics import mean
 from typing import Any
 
+from ..config.shipped import shipped
 from ..evaluate import likeness
 from ..evaluate.flip import flip
 from .fits import TimedFit, on_device, timed_fit
 from .scope import Bench, Scope
-from .variants import DEFAULT, shipped
+from .variants import DEFAULT
 
 # `weights.error` of the default comes first: squared errors, as in the paper.
 KINDS = ("l2", "cube-root", "log")

@@ -14,7 +14,8 @@ import yaml
 
 from ..brdf import MODEL_NAMES, PAPER_MODELS
 from ..errors import ConfigError
-from .schema import assign, from_dict, parse_value, plain, read_yaml, setting
+from .schema import MAX_SEED, assign, from_dict, parse_value, plain, setting
+from .written import read_yaml
 
 
 @dataclass(frozen=True)
@@ -339,7 +340,7 @@ class FitConfig:
         "whether to leave out models and lobes that are not worth their bytes on held-out "
         "directions",
     )
-    seed: int = setting(0, "seed of every random choice", low=0)
+    seed: int = setting(0, "seed of every random choice", low=0, high=MAX_SEED)
     device: str = setting(
         "auto", "device to compute on: auto (a GPU if there is one), cpu, cuda or cuda:N"
     )
@@ -383,7 +384,7 @@ class FitConfig:
                 raise ConfigError(
                     f"--set {assignment} has no '='; expected KEY=VALUE such as search.restarts=8."
                 )
-            config = config.changed({key.strip(): parse_value(text, assignment)})
+            config = config.changed({key.strip(): parse_value(text, assignment, FitConfig)})
         return config
 
     def changed(self, changes: dict[str, Any]) -> FitConfig:

@@ -1,4 +1,4 @@
-"""Settings of a rendering: its sampling, and its scene as text.
+"""Settings of a rendering: its sampling, its scene as text, and the suffix of its picture.
 
 They need no torch, so that help texts are quick. `spmm_torch.render` builds the scene.
 """
@@ -6,11 +6,15 @@ They need no torch, so that help texts are quick. `spmm_torch.render` builds the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
-from .schema import check_settings, setting
+from ..errors import ConfigError
+from .schema import MAX_SEED, check_settings, setting
 
 # A picture of 4096 x 4096 pixels takes about 500 MB.
 MAX_COUNT = 1 << 12
+STILL_SUFFIXES = (".png", ".exr")
+MOVING_SUFFIX = ".gif"
 SHAPE_NAMES = ("sphere", "plane")
 LIGHT_FORMS = "studio, directional:THETA,PHI[,R,G,B], point:X,Y,Z[,R,G,B], or a file (.exr, .hdr)"
 CAMERA_FORMS = "orthographic[:THETA,PHI] or perspective[:THETA,PHI[,DISTANCE[,FIELD_OF_VIEW]]]"
@@ -32,7 +36,7 @@ class RenderSettings:
         low=1,
         high=MAX_COUNT,
     )
-    seed: int = setting(0, "seed of every random choice", low=0)
+    seed: int = setting(0, "seed of every random choice", low=0, high=MAX_SEED)
     lighting: str = setting(
         "auto",
         "light of environments: fixed (the same directions for all pixels, without noise), sampled "
@@ -64,3 +68,17 @@ class SceneConfig(RenderSettings):
     def settings(self) -> RenderSettings:
         """Size and sampling of the pictures, without the scene."""
         return RenderSettings(self.size, self.samples, self.light_samples, self.seed, self.lighting)
+
+
+def check_output(path: str, moving: bool) -> None:
+    """Checks the suffix of a picture's name before any work is done.
+
+    Raises:
+        ConfigError: the suffix is not one of a still, or of a moving picture.
+    """
+    suffix = Path(path).suffix.lower()
+    if moving and suffix != MOVING_SUFFIX:
+        raise ConfigError(f"output {path} is no .gif; a turntable expects one; change the name.")
+    if not moving and suffix not in STILL_SUFFIXES:
+        hint = "; give --turntable N for a .gif" if suffix == MOVING_SUFFIX else ""
+        raise ConfigError(f"output {path} is no picture; expected .png or .exr{hint}.")

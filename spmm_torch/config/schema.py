@@ -6,16 +6,16 @@ import difflib
 import math
 import types
 import typing
-from contextlib import suppress
 from dataclasses import MISSING, field, fields, is_dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
 from ..errors import ConfigError
+from .written import NULLS, Written, load_text
 
 REQUIRED = MISSING  # default of a setting that must be given
+MAX_SEED = (1 << 63) - 1  # largest seed that all generators of random numbers take
 
 
 def setting(
@@ -33,48 +33,30 @@ def setting(
     )
 
 
-def load_yaml(path: Path | str) -> Any:
-    """The content of a YAML file.
+def parse_value(text: str, assignment: str, cls: type) -> Any:
+    """The value of an assignment `KEY=text`, which the type of the setting reads.
 
-    Raises:
-        ConfigError: no such file, or not valid YAML.
-    """
-    try:
-        return yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"settings file {path} cannot be read ({error}); check it.") from error
-    except yaml.YAMLError as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"settings file {path} is not valid YAML: {reason}; mend it.") from error
-
-
-def read_yaml(path: Path | str) -> dict[str, Any]:
-    """The mapping in a YAML file.
-
-    Raises:
-        ConfigError: no such file, not valid YAML, or not a mapping.
-    """
-    values = load_yaml(path)
-    if values is None:
-        return {}
-    if not isinstance(values, dict):
-        raise ConfigError(
-            f"settings file {path} holds {type(values).__name__}; expected sections "
-            f"as in configs/default.yaml."
-        )
-    return values
-
-
-def parse_value(text: str, assignment: str) -> Any:
-    """The value of a `--set` assignment, given as YAML text.
+    Text stays as it is, unless it stands in quotes; all else is YAML.
 
     Raises:
         ConfigError: not valid YAML.
     """
+    if str in _kinds(cls, assignment.partition("=")[0].strip()):
+        bare = text.strip()
+        quoted = len(bare) > 1 and bare[0] == bare[-1] and bare[0] in "'\""
+        if not quoted:
+            return None if bare in NULLS else Written(bare)
     try:
-        return yaml.safe_load(text)
+        return load_text(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {assignment}: the value is not valid YAML; mend it.") from error
+
+
+def _kinds(cls: Any, key: str) -> tuple[Any, ...]:
+    """The types that the setting `key` may have; none if there is no such setting."""
+    for name in key.split("."):
+        cls = typing.get_type_hints(cls).get(name) if is_dataclass(cls) else None
+    return typing.get_args(cls) if isinstance(cls, types.UnionType) else (cls,)
 
 
 def assign(values: dict[str, Any], path: list[str], value: Any) -> None:
@@ -151,14 +133,14 @@ def checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: st
         return None
     kind = next(item for item in kinds if item is not type(None))
     if typing.get_origin(kind) is tuple:
+        inner = typing.get_args(kind)[0]
+        if isinstance(value, Written) and inner is not str:  # 0,0,8,8 as well as [0, 0, 8, 8]
+            value = [Written(word.strip()) for word in value.split(",")]
         items = value if isinstance(value, (list, tuple)) else [value]
         if not items:
             raise ConfigError(f"{where} is empty; expected at least one value.")
-        inner = typing.get_args(kind)[0]
         return tuple(checked(item, inner, metadata, where) for item in items)
     choices, low, high = metadata.get("choices"), metadata.get("low"), metadata.get("high")
-    if value is False and choices and "off" in choices:  # YAML 1.1 reads off as false
-        value = "off"
     value = _typed(value, kind, where)
     if choices and value not in choices:
         near = difflib.get_close_matches(str(value), map(str, choices), n=1)
@@ -181,14 +163,16 @@ def allowed(metadata: typing.Mapping[str, Any]) -> str:
 
 
 def _typed(value: Any, kind: type, where: str) -> Any:
-    if kind is float and isinstance(value, str):  # YAML 1.1 reads 1e-3 as text
-        with suppress(ValueError):
-            return float(value)
+    names = {int: "a whole number", float: "a number", bool: "true or false", str: "a name"}
+    if isinstance(value, Written):
+        try:
+            return value.as_type(kind)
+        except ValueError as error:
+            raise ConfigError(f"{where} is {value!r}; expected {names[kind]}.") from error
     if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
         return float(value)
     if isinstance(value, kind) and not (kind is int and isinstance(value, bool)):
         return value
-    names = {int: "a whole number", float: "a number", bool: "true or false", str: "a name"}
     raise ConfigError(f"{where} is {value!r}; expected {names[kind]}.")
 
 

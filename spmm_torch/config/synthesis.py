@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from .schema import check_settings, setting
+from .schema import MAX_SEED, check_settings, setting
 
 # A deeper relief needs so many repeats around it at grazing angles that its mesh fills the memory.
 MAX_RELIEF = 0.5
-MAX_SEED = (1 << 63) - 1
 # Variants of Mitsuba: one compiled by LLVM, and a slower one that runs everywhere.
 FAST, PLAIN = "llvm_ad_rgb", "scalar_rgb"
 VARIANTS = ("auto", FAST, PLAIN, "cuda_ad_rgb")

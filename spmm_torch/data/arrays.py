@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from ..errors import DataError
-from .cache import entry_key
+from .cache import KEY_BYTES, entry_key
 from .codes import FloatExpansion
 from .directions import checked_directions
 from .store import Loading, Part, Store
@@ -38,10 +40,14 @@ def opener_in_memory(array: np.ndarray, where: str) -> Callable[[Part, Loading],
     def views(chosen: Sequence[int]) -> Iterator[np.ndarray]:
         return (np.ascontiguousarray(array[view]) for view in chosen)
 
-    def content() -> str:
-        return hashlib.blake2b(np.ascontiguousarray(array).tobytes(), digest_size=20).hexdigest()
-
+    content = partial(array_hash, array)
     return array_opener(ArrayHeader(array.shape, False, array.dtype), where, views, content)
+
+
+def array_hash(array: np.ndarray) -> str:
+    """The hash of the values of an array `[...]`, in hexadecimal, whatever its strides."""
+    plain = np.ascontiguousarray(array)
+    return hashlib.blake2b(plain.view(np.uint8).data, digest_size=KEY_BYTES).hexdigest()
 
 
 def array_opener(
@@ -92,8 +98,8 @@ def array_opener(
 def check_layout(
     shape: Sequence[int],
     dtype: np.dtype,
-    view: Tensor | np.ndarray,
-    light: Tensor | np.ndarray,
+    view: ArrayLike,
+    light: ArrayLike,
     where: str,
 ) -> tuple[Tensor, Tensor]:
     """Checks the layout of values and their directions; gives `(view [V, 3], light [L, 3])`.
@@ -118,7 +124,7 @@ def check_layout(
         )
     directions = []
     for key, array, count in (("view", view, shape[0]), ("light", light, shape[1])):
-        vectors = torch.as_tensor(array).detach().cpu()
+        vectors = _vectors(array, f"{key!r} of {where}")
         checked = checked_directions(vectors, f"{key!r} of {where}")
         if len(checked) != count:
             raise DataError(
@@ -129,14 +135,47 @@ def check_layout(
     return directions[0], directions[1]
 
 
-def numpy_values(values: np.ndarray | Tensor, where: str) -> np.ndarray:
-    """Values `[V, L, H, W, 3]` as a NumPy array, without a copy where they are on the CPU.
+def _vectors(directions: ArrayLike, where: str) -> Tensor:
+    """Directions `[N, 3]` on the CPU, from a tensor, an array of any strides, or nested lists.
 
     Raises:
-        DataError: NumPy has no such type.
+        DataError: they are not numbers, or rows differ in length.
     """
-    if not isinstance(values, Tensor):
+    if isinstance(directions, Tensor):
+        return directions.detach().cpu()
+    return torch.from_numpy(np.ascontiguousarray(_numbers(directions, where)))
+
+
+def _numbers(values: ArrayLike, where: str) -> np.ndarray:
+    """Nested lists, or whatever else NumPy takes, as an array `[...]` of numbers.
+
+    Raises:
+        DataError: they are not numbers, or rows differ in length.
+    """
+    try:
+        array = np.asarray(values)
+        if not np.issubdtype(array.dtype, np.number):
+            raise ValueError(f"it has type {array.dtype}")
+    except (ValueError, TypeError) as error:
+        raise DataError(
+            f"{where} is no array of numbers ({error}); expected an array, a tensor or lists of "
+            f"equal length; convert it with numpy.asarray."
+        ) from error
+    return array.astype(array.dtype.newbyteorder("="), copy=False)
+
+
+def numpy_values(values: ArrayLike, where: str) -> np.ndarray:
+    """Values `[V, L, H, W, 3]` as a NumPy array, without a copy where they are on the CPU.
+
+    Lists become float32.
+
+    Raises:
+        DataError: they are no numbers, or NumPy has no such type.
+    """
+    if isinstance(values, np.ndarray):
         return values
+    if not isinstance(values, Tensor):
+        return _numbers(values, f"'values' of {where}").astype(np.float32)
     if values.dtype == torch.bfloat16:  # NumPy has no such type
         raise DataError(
             f"'values' of {where} has type bfloat16, whose 8 bits are too few to measure errors "

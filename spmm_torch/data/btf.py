@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
-import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from ..errors import DataError
 from ..geometry.directions import direction_pairs
 from ..geometry.relief import HeightField
-from .arrays import check_layout, numpy_values, opener_in_memory
+from .arrays import array_hash, check_layout, numpy_values, opener_in_memory
+from .cache import entry_key, source_content
 from .displaced import DisplacedStore
 from .options import ReadOptions
 from .percentile import percentile
@@ -24,6 +26,8 @@ from .store import WHOLE, Loading, Part, Progress, ScaledStore, Store, float_chu
 PEAK_FRACTION = 0.999
 # Values of a chunk where all texels are passed over: 64 MB of float32.
 CHUNK_VALUES = 1 << 24
+# Texels that are hashed at once, where a BTF is known by its values alone.
+CHUNK_TEXELS = 1 << 8
 
 
 @dataclass(eq=False)
@@ -49,6 +53,8 @@ class BTF:
         missing: direction pairs without values (zeros stand for them), `[V, L]` bool; None: none.
         notes: lines about the input that whoever reads it ought to see.
         names: of the materials of texels that are no neighbours, T of them; None: a texture.
+        content: function that gives checksums or hashes of the source, whatever its name; None:
+            the bytes of all files at `path` tell.
     """
 
     name: str
@@ -68,15 +74,16 @@ class BTF:
     missing: Tensor | None = field(default=None, repr=False)
     notes: tuple[str, ...] = field(default=(), repr=False)
     names: tuple[str, ...] | None = field(default=None, repr=False)
+    content: Callable[[], object] | None = field(default=None, repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
     @classmethod
     def from_values(
         cls,
-        values: Tensor | np.ndarray,
-        view: Tensor,
-        light: Tensor,
+        values: ArrayLike,
+        view: ArrayLike,
+        light: ArrayLike,
         *,
         name: str = "values",
         negative: str = "refuse",
@@ -86,7 +93,7 @@ class BTF:
         The BTF is HDR if a value exceeds 1.
 
         Args:
-            values: linear cosine-weighted values.
+            values: linear cosine-weighted values: a tensor, an array, or nested lists (float32).
             view, light: unit vectors `[V, 3]`, `[L, 3]`, pointing away from the surface.
             name: short name of the material.
             negative: treatment of values below zero, as in `ReadOptions`.
@@ -101,6 +108,7 @@ class BTF:
         _, _, height, width, _ = array.shape
         opener, itemsize = opener_in_memory(array, where), array.dtype.itemsize
         btf = cls(name, "", height, width, view, light, itemsize, opener, hdr=None)
+        btf.content = partial(array_hash, array)
         return replace(btf, negative=ReadOptions(negative=negative).negative).load()
 
     def restricted(
@@ -151,6 +159,29 @@ class BTF:
             return DisplacedStore(self._loaded(), field, self.view, len(self.light), drift)
 
         return replace(self, open_store=open_store, cosine_missing=False)
+
+    def identity(self) -> str:
+        """The hash of the content of the source and of the part taken, in hexadecimal.
+
+        Neither the name nor the place of the source counts. All bytes of a source other than a zip
+        are read for it.
+
+        Raises:
+            DataError: the source cannot be read any more.
+        """
+        part = (self.part.texels, self.part.views, self.part.lights)
+        kept = [None if index is None else index.tolist() for index in part]
+        directions = self.view.tolist(), self.light.tolist()
+        return entry_key((self._content(), kept, directions))
+
+    def _content(self) -> object:
+        """Checksums or hashes of the source, or of the values where it is known by no file."""
+        if self.content is not None:
+            return self.content()
+        if self.path:
+            return source_content(Path(self.path))
+        chunks = float_chunks(self._loaded(), self.texel_count, CHUNK_TEXELS)
+        return [array_hash(chunk.numpy()) for chunk in chunks]
 
     @property
     def texel_count(self) -> int:

@@ -13,18 +13,20 @@ import math
 import os
 import re
 import shutil
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from filelock import FileLock, Timeout
+from filelock import Timeout
 from platformdirs import user_cache_path
 
-from ..errors import OutputError
+from ..errors import DataError, OutputError
 from ..runtime.atomic import write_atomic
-from ..runtime.memory import slices
+from ..runtime.lock import locked
+from ..runtime.memory import reserve, slices
 
 # Part of every key, so that entries of another layout are never found.
 LAYOUT_VERSION = 1
@@ -43,8 +45,18 @@ DISK_BLOCK = 512
 
 
 def default_folder() -> Path:
-    """The folder of this program in the user's cache."""
-    return user_cache_path("spmm_torch")
+    """The folder of this program in the user's cache; a temporary one for a user without a home.
+
+    Unknown users of containers have none. The temporary one has the user's number in its name.
+    """
+    try:
+        folder = user_cache_path("spmm_torch")
+    except RuntimeError:  # the system does not know the user
+        folder = Path("~")
+    if folder.is_absolute():
+        return folder
+    user = os.getuid() if hasattr(os, "getuid") else "user"
+    return Path(tempfile.gettempdir()) / f"spmm_torch-{user}"
 
 
 def entry_key(parts: Iterable[object]) -> str:
@@ -68,6 +80,25 @@ def file_hash(path: Path, block: int = HASH_BLOCK) -> str:
     return digest.hexdigest()
 
 
+def source_content(path: Path) -> list[tuple[str, str]]:
+    """Names and hashes of a file, or of all files in a folder and below that are not hidden.
+
+    Raises:
+        DataError: a file cannot be read any more.
+    """
+    try:
+        if not path.is_dir():
+            return [("", file_hash(path))]
+        names = sorted(item.relative_to(path) for item in path.rglob("*") if item.is_file())
+        kept = [name for name in names if not any(part.startswith(".") for part in name.parts)]
+        return [(name.as_posix(), file_hash(path / name)) for name in kept]
+    except OSError as error:
+        raise DataError(
+            f"{path} cannot be read any more ({error}); expected all that was there when it was "
+            f"opened; restore it and start again."
+        ) from error
+
+
 def entries(folder: Path | None = None) -> list[tuple[int, str, str]]:
     """The (bytes on disk, source, "whole" or "unfinished") of every entry."""
     rows = []
@@ -81,7 +112,7 @@ def entries(folder: Path | None = None) -> list[tuple[int, str, str]]:
         except (OSError, ValueError, TypeError, KeyError):
             source = "not known"
         state = "unfinished" if path.suffix == ".part" else "whole"
-        rows.append((path.stat().st_blocks * DISK_BLOCK, source, state))
+        rows.append((_on_disk(path), source, state))
     return rows
 
 
@@ -95,13 +126,13 @@ def clear(folder: Path | None = None) -> tuple[int, int]:
     count = freed = 0
     try:
         for key in _keys(folder) if folder.is_dir() else ():
-            with suppress(Timeout), FileLock(folder / f"{key}.lock", blocking=False):
+            with suppress(Timeout), locked(folder / f"{key}.lock", wait=False):
                 for path in (
                     *folder.glob(f".{key}.*.tmp"),
                     *(folder / f"{key}{s}" for s in SUFFIXES),
                 ):
                     if path.exists():
-                        freed += path.stat().st_blocks * DISK_BLOCK  # reserved space included
+                        freed += _on_disk(path)
                         path.unlink()
                         count += 1
     except OSError as error:
@@ -109,6 +140,13 @@ def clear(folder: Path | None = None) -> tuple[int, int]:
             f"the cache {folder} cannot be cleared ({error}); check its permissions."
         ) from error
     return count, freed
+
+
+def _on_disk(path: Path) -> int:
+    """Bytes that a file takes on disk, reserved space included; Windows tells its length only."""
+    status = path.stat()
+    blocks = getattr(status, "st_blocks", None)
+    return status.st_size if blocks is None else blocks * DISK_BLOCK
 
 
 def _keys(folder: Path) -> list[str]:
@@ -154,7 +192,7 @@ class CacheEntry:
         with ExitStack() as stack:
             with entry._output_errors():
                 entry.folder.mkdir(parents=True, exist_ok=True)
-                stack.enter_context(FileLock(entry.folder / f"{key}.lock"))
+                stack.enter_context(locked(entry.folder / f"{key}.lock"))
                 entry._find()
             yield entry
 
@@ -234,8 +272,7 @@ class CacheEntry:
     def _allocate(self) -> None:
         np.lib.format.open_memmap(self._part, mode="w+", dtype=self.dtype, shape=self.shape)
         with self._part.open("r+b") as file:
-            # Without reserved space, a full disk would kill the process at a write.
-            os.posix_fallocate(file.fileno(), 0, os.fstat(file.fileno()).st_size)
+            reserve(file, os.fstat(file.fileno()).st_size)
 
     def put(self, codes: np.ndarray, first_pair: int, *, views_done: int, highest: float) -> None:
         """Writes the codes `[T, d, B]` of some views, and notes that they are done.
@@ -255,7 +292,7 @@ class CacheEntry:
             for block in slices(len(codes), WRITTEN_TEXELS):
                 # Mapped again for every block, so that pages do not stay in memory.
                 np.lib.format.open_memmap(self._part, mode="r+")[block, pairs] = codes[block]
-            with self._part.open("rb") as file:
+            with self._part.open("r+b") as file:  # Windows syncs no file that is read
                 os.fsync(file.fileno())  # after a power cut, noted views must be there
             write_atomic(self._facts, json.dumps(facts).encode())
         self.views_done, self.highest = views_done, highest

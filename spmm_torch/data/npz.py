@@ -63,7 +63,19 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     itemsize = header.dtype.itemsize
     opener = array_opener(header, f"'values' of {path}", views, key)
     name = material_name(source)
-    return BTF(name, str(path), height, width, view, light, itemsize, opener, hdr=None, names=names)
+    return BTF(
+        name,
+        str(path),
+        height,
+        width,
+        view,
+        light,
+        itemsize,
+        opener,
+        hdr=None,
+        names=names,
+        content=key,
+    )
 
 
 def _read_small_parts(

@@ -148,12 +148,23 @@ class PictureSet:
             hdr=None if self.codec.HDR or self.intensity is not None else False,
             missing=self.grid.missing,
             notes=notes,
+            content=self.content,
         )
 
     @property
     def bytes_per_value(self) -> float:
         """Bytes of a value in the source; RGBE stores three values in four bytes."""
         return self.dtype.itemsize * self.width / CHANNELS
+
+    def content(self) -> object:
+        """Names of all pictures with hashes or checksums of them, and intensities of the lights.
+
+        Raises:
+            DataError: a picture cannot be read any more.
+        """
+        names = [name for name in self.grid.files if name is not None]
+        intensity = None if self.intensity is None else self.intensity.tolist()
+        return _fingerprint(self.path, names), intensity
 
     def open_store(self, part: Part, loading: Loading) -> Store:
         """Decodes a part of the pictures.

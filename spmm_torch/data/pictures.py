@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from ..errors import DataError
 from .folder_files import folder_files, is_hidden
 from .inner_zip import inner_member, unpacked
+from ..runtime.atomic import readable
 
 ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError)
 # Names of methods of compression that the library of Python cannot undo, by their number in a zip.
@@ -179,7 +180,7 @@ def shown(names: Sequence[str]) -> list[str]:
 def material_name(path: Path) -> str:
     """A short name of the material at a path: that of the folder, or of the file without suffix."""
     resolved = path.resolve()
-    return resolved.name if resolved.is_dir() else resolved.stem
+    return readable(resolved.name if resolved.is_dir() else resolved.stem)
 
 
 def _members(handle: zipfile.ZipFile) -> Iterator[tuple[str, zipfile.ZipInfo]]:

@@ -16,7 +16,7 @@ import torch
 import yaml
 from torch import Tensor
 
-from ..config.schema import load_yaml
+from ..config.written import load_yaml
 from ..errors import ConfigError, SPMMError
 from ..model.spmm import SPMM
 from .edits import EDITS

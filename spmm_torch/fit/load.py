@@ -8,6 +8,7 @@ from ..config.fit import FitConfig
 from ..data import BTF
 from ..data.cache import default_folder
 from ..data.error_weights import Weights
+from ..runs.fingerprint import fingerprint, key_of
 from ..runtime.context import Context
 from .plan import estimate
 from .problem import Problem
@@ -28,6 +29,9 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
         ConfigError: the memory limit is too low.
     """
     weights = given_weights(btf, config.weights) if weights is None else weights
+    if context.state is not None and not context.depends_on:
+        facts = context.ranks.first(lambda: fingerprint(btf, config, weights))
+        context = replace(context, depends_on=key_of(facts))
     plan = estimate(btf, config, context.device)
     budget = context.budget.needing(plan.working_bytes)
     cache = context.cache or (None if context.ranks.size == 1 else default_folder())

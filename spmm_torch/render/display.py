@@ -13,7 +13,6 @@ from PIL import Image
 from torch import Tensor
 
 from ..data.codecs import openexr
-from ..errors import ConfigError
 from ..runtime.atomic import new_file
 
 # Fraction of values that measured pictures show without clipping; some of their pixels are faulty.
@@ -24,8 +23,6 @@ RENDERED_FRACTION = 0.999
 SRGB_KNEE, SRGB_SLOPE, SRGB_SCALE, SRGB_GAMMA = 0.0031308, 12.92, 1.055, 2.4
 # Milliseconds of a frame of a turntable; a multiple of 10, as GIF counts hundredths.
 FRAME_TIME = 80
-STILL_SUFFIXES = (".png", ".exr")
-MOVING_SUFFIX = ".gif"
 
 # Display values from 0 to 255 of a picture `[H, W, 3]`, row 0 at the top.
 Codes = NDArray[np.uint8]
@@ -118,17 +115,3 @@ def write_gif(path: Path | str, frames: Sequence[Codes]) -> None:
             duration=FRAME_TIME,
             loop=0,
         )
-
-
-def check_output(path: str, moving: bool) -> None:
-    """Checks the suffix of a picture's name before any work is done.
-
-    Raises:
-        ConfigError: the suffix is not one of a still, or of a moving picture.
-    """
-    suffix = Path(path).suffix.lower()
-    if moving and suffix != MOVING_SUFFIX:
-        raise ConfigError(f"output {path} is no .gif; a turntable expects one; change the name.")
-    if not moving and suffix not in STILL_SUFFIXES:
-        hint = "; give --turntable N for a .gif" if suffix == MOVING_SUFFIX else ""
-        raise ConfigError(f"output {path} is no picture; expected .png or .exr{hint}.")

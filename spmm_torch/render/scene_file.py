@@ -12,7 +12,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..config.render import SceneConfig
-from ..config.schema import from_dict, read_yaml
+from ..config.schema import from_dict
+from ..config.written import read_yaml
 from .options import parse_camera, parse_light
 from .renderer import Scene
 from .shapes import SHAPES, Texture

@@ -13,6 +13,8 @@ from .svg import element
 WIDTH = 480
 LABEL_WIDTH = 132
 TEXT_WIDTH = 128
+LETTER_WIDTH = 8.0  # of the page's type, in which texts beside bars are set
+TEXT_GAP = 6
 ROW_HEIGHT = 26
 BAR_HEIGHT = 16
 COLUMN_HEIGHT = 150
@@ -46,7 +48,9 @@ class Bar:
 def bar_chart(bars: Sequence[Bar], title: str) -> Markup:
     """Horizontal bars, one below the other."""
     longest = max((bar.value for bar in bars), default=0.0)
-    scale = (WIDTH - LABEL_WIDTH - TEXT_WIDTH) / longest if longest > 0.0 else 0.0
+    letters = max((len(bar.text) for bar in bars), default=0)
+    room = WIDTH - LABEL_WIDTH - max(TEXT_WIDTH, TEXT_GAP + LETTER_WIDTH * letters)
+    scale = max(room, 0.0) / longest if longest > 0.0 else 0.0
     rows = [
         _row(bar, index * ROW_HEIGHT, scale * max(bar.value, 0.0)) for index, bar in enumerate(bars)
     ]
@@ -82,12 +86,12 @@ def _frame(parts: list[Markup], height: float, title: str) -> Markup:
 
 
 def _row(bar: Bar, top: float, length: float) -> Markup:
-    baseline = top + BAR_HEIGHT - 3
+    baseline, start = top + BAR_HEIGHT - 3, LABEL_WIDTH + length + TEXT_GAP
     return element(
         "g",
         element("text", bar.label, x=LABEL_WIDTH - 8, y=baseline, text_anchor="end"),
         _rectangle(bar, LABEL_WIDTH, top, length, BAR_HEIGHT),
-        element("text", bar.text, x=f"{LABEL_WIDTH + length + 6:.1f}", y=baseline, class_="quiet"),
+        element("text", bar.text, x=f"{start:.1f}", y=baseline, class_="quiet"),
     )
 
 

@@ -12,7 +12,10 @@ from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
+from ..runtime.atomic import is_text
+
 FILE_NAME = "report.json"
+VERSION = 1  # of the format; reports without one are of earlier releases
 
 Built = TypeVar("Built")
 
@@ -132,7 +135,7 @@ class Report:
     """Every figure of a run, in the order of the file.
 
     Attributes:
-        input: path of the BTF, or its name.
+        input: absolute path of the BTF, or its name.
         texels, direction_pairs, channels: of the input; pairs without a picture do not count.
         clusters: K.
         total_basis: lobes of the dictionary, J.
@@ -158,6 +161,7 @@ class Report:
         device: its name.
         seed: of every random choice.
         versions: by package.
+        format: version of the format.
     """
 
     input: str
@@ -189,6 +193,7 @@ class Report:
     device: str
     seed: int
     versions: dict[str, Any] = field(default_factory=dict)
+    format: int = VERSION
 
     def to_dict(self) -> dict[str, Any]:
         """The keys of `report.json` with their values, in order."""
@@ -205,6 +210,32 @@ class Report:
         return _built(cls, values)
 
 
+def older_report(values: Any) -> Report:
+    """The report of any release: figures that it lacks are None, others that it has are left out.
+
+    Raises:
+        ValueError: it is none: it lacks what reports of all releases have.
+    """
+    if not isinstance(values, Mapping) or not all(values.get(key) for key in ALWAYS):
+        raise ValueError(f"it lacks {' or '.join(ALWAYS)}")
+    known: dict[str, Any] = {}
+    for key, below in REPORT_KEYS.items():
+        value = values.get(key)
+        group = value if isinstance(value, Mapping) else {}
+        known[key] = {name: group.get(name) for name in below} if below else value
+    return Report.from_dict(_with_inner(known) | {"format": VERSION})
+
+
+def _with_inner(values: dict[str, Any]) -> dict[str, Any]:
+    """The same with groups inside of groups complete, as `display.psnr_db`."""
+    for key, kind in GROUPS.items():
+        for name, inner in _groups(kind).items():
+            found = values[key][name]
+            group = found if isinstance(found, Mapping) else {}
+            values[key][name] = {part.name: group.get(part.name) for part in fields(inner)}
+    return values
+
+
 def _groups(kind: type) -> dict[str, type]:
     """The fields of a dataclass whose values are dataclasses, and their classes."""
     hints: dict[str, type] = get_type_hints(kind)
@@ -218,6 +249,8 @@ def _built(kind: type[Built], values: Mapping[str, Any]) -> Built:
 
 
 GROUPS = _groups(Report)
+# What reports of all releases have.
+ALWAYS = ("input", "raw_bytes")
 # Every key in its order, with the keys below it; () for none, or for keys that vary.
 REPORT_KEYS: dict[str, tuple[str, ...]] = {
     each.name: tuple(part.name for part in fields(GROUPS[each.name])) if each.name in GROUPS else ()
@@ -257,8 +290,14 @@ def write_report(folder: Path, report: Report) -> Path:
 
 
 def json_text(content: Mapping[str, Any]) -> str:
-    """The text of a JSON file; numbers that are not finite become null."""
-    return json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    """The text of a JSON file; numbers that are not finite become null.
+
+    Where a name holds bytes that are no UTF-8, as paths may, letters beyond ASCII are escaped.
+    """
+    text = json.dumps(_finite(content), indent=2, allow_nan=False, ensure_ascii=False)
+    if is_text(text):
+        return text + "\n"
+    return json.dumps(_finite(content), indent=2, allow_nan=False) + "\n"
 
 
 def _finite(value: Any) -> Any:

@@ -6,6 +6,7 @@ from functools import cache
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from ..runtime.atomic import readable
 from . import wording
 
 FILTERS = (
@@ -34,7 +35,7 @@ def render_template(name: str, page: object) -> str:
     Raises:
         jinja2.UndefinedError: the template asks for a value that `page` lacks.
     """
-    return _environment().get_template(name).render(page=page)
+    return readable(_environment().get_template(name).render(page=page))
 
 
 @cache

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
@@ -70,7 +71,7 @@ def summarize(
     seconds = {each.name: context.watch.seconds.get(each.name, 0.0) for each in fields(Seconds)}
     errors = (totals.without_residual, totals.with_residual)
     return Report(
-        input=btf.path or btf.name,
+        input=os.path.abspath(btf.path) if btf.path else btf.name,
         texels=btf.texel_count,
         direction_pairs=btf.measured_count,
         channels=btf.channels,
@@ -126,7 +127,7 @@ def headline(report: Report) -> str:
         f"SNR {snr.without_residual:.2f} dB without residual, {snr.with_residual:.2f} dB "
         f"with it (bare cluster means {snr.cluster_mean:.2f} dB), "
         f"{report.mean_basis_per_texel:.1f} lobes a texel, "
-        f"1:{report.compression_ratio:.0f}, {report.seconds.total:.1f} s"
+        f"{report.compression_ratio:.0f} times smaller, {report.seconds.total:.1f} s"
     )
     return "\n".join([line, *picture_lines(report.sharpness, report.display)])
 

@@ -14,7 +14,7 @@ from ..edit.parsing import map_paths
 from ..errors import OutputError
 from ..model.spmm import SPMM
 from ..report import write_report
-from ..report.contract import FILE_NAME, Report
+from ..report.contract import FILE_NAME, Report, older_report
 from ..report.edited import edited_report, write_edited_html
 from ..runtime.atomic import new_folder, write_atomic
 from ..runtime.tensor_file import MODEL_FILE
@@ -81,7 +81,7 @@ def _report(path: Path) -> Report | None:
     if not path.is_file():
         return None
     try:
-        return Report.from_dict(json.loads(path.read_text(encoding="utf-8")))
+        return older_report(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError) as error:
         raise OutputError(
             f"{path} cannot be read ({error}); expected the report of a fit; restore or remove it."

@@ -6,14 +6,14 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 
-from .. import __version__
 from ..config.fit import FitConfig
 from ..data import BTF
 from ..errors import ConfigError, OutputError
@@ -21,12 +21,13 @@ from ..model.spmm import SPMM
 from ..report import Report, write_html, write_report
 from ..report.views import Gallery
 from ..runtime.atomic import write_atomic
+from ..runtime.lock import locked
 from ..runtime.ranks import ALONE, Ranks
 from ..runtime.tensor_file import MODEL_FILE
+from .fingerprint import RELEASE, difference
 
 CONFIG, LOG, REPORT_PAGE = "config.yaml", "log.txt", "report.html"
 # In the folder while it is made: finished stages, the settings they depend on, and a lock.
-STATE_VERSION = 2  # of the files of finished stages
 STATE, FINGERPRINT, LOCK = "state", "fingerprint.json", "lock"
 
 
@@ -35,27 +36,9 @@ def is_finished(path: Path | str) -> bool:
     return (Path(path) / MODEL_FILE).is_file()
 
 
-def fingerprint(btf: BTF, config: FitConfig) -> dict[str, Any]:
-    """All values that the finished stages of a run depend on, as flat JSON."""
-    source = Path(btf.path)
-    size = source.stat().st_size if source.is_file() else None
-    shape = [btf.height, btf.width, len(btf.view), len(btf.light)]
-    facts = {
-        "version": __version__,
-        "state": STATE_VERSION,
-        "input": btf.path,
-        "bytes": size,
-        "shape": shape,
-    }
-    return facts | _flat(config.to_dict())
-
-
-def _flat(values: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    rows: dict[str, Any] = {}
-    for key, value in values.items():
-        nested = isinstance(value, dict)
-        rows |= _flat(value, f"{prefix}{key}.") if nested else {f"{prefix}{key}": value}
-    return rows
+def unfinished(path: Path | str) -> Path:
+    """The folder in which a run is made, beside the name that it gets at the end."""
+    return Path(path).parent / f".{Path(path).name}.part"
 
 
 @contextmanager
@@ -64,6 +47,7 @@ def new_run(
     depends_on: dict[str, Any] | None = None,
     resume: bool = False,
     ranks: Ranks = ALONE,
+    say: Callable[[str], object] = warnings.warn,
 ) -> Iterator[Path]:
     """A folder `.NAME.part` beside `path`, renamed to `path` at the end.
 
@@ -73,18 +57,19 @@ def new_run(
     Args:
         path: of the run.
         depends_on: values that the finished stages depend on, as JSON; an unfinished run with
-            other values is not resumed.
+            other values is not resumed. One of another release begins anew.
         resume: resume the unfinished run, if there is one.
         ranks: the processes of the run; the first one makes the folder.
+        say: told in one line of what is not as it should be and does not stop the run.
 
     Raises:
         OutputError: `path` exists or cannot be written, or is unfinished and `resume` is False.
         ConfigError: the unfinished run has other values of `depends_on`.
     """
     target = Path(path)
-    folder = target.parent / f".{target.name}.part"
+    folder = unfinished(target)
     with ExitStack() as held:
-        ranks.first(lambda: _begin(held, target, folder, depends_on, resume))
+        ranks.first(lambda: _begin(held, target, folder, depends_on, resume, say))
         try:
             yield folder
             if ranks.is_first:
@@ -100,21 +85,21 @@ def _begin(
     folder: Path,
     depends_on: dict[str, Any] | None,
     resume: bool,
+    say: Callable[[str], object],
 ) -> None:
     """Makes the folder, or takes over an unfinished one, and locks it for this process."""
     try:
         _check_free(target)
         held.callback(_remove_empty, [parent for parent in target.parents if not parent.exists()])
         folder.mkdir(parents=True, exist_ok=True)
-        _hold(held, folder / LOCK, target)
+        _hold(held, folder / LOCK, target, say)
         held.callback(_remove_worthless, folder)
         _check_free(target)  # the process that held the lock may have finished it
         if _has_state(folder):
-            _check_unfinished(target, folder, depends_on, resume)
-        else:
-            (folder / STATE).mkdir(exist_ok=True)
-            content = json.dumps(depends_on, ensure_ascii=False).encode()
-            write_atomic(folder / FINGERPRINT, content)
+            _check_unfinished(target, folder, depends_on, resume, say)
+        (folder / STATE).mkdir(exist_ok=True)
+        content = json.dumps(depends_on).encode()
+        write_atomic(folder / FINGERPRINT, content)
     except OSError as error:
         raise _unwritable(target, error) from error
 
@@ -126,9 +111,9 @@ def _check_free(target: Path) -> None:
         )
 
 
-def _hold(held: ExitStack, lock: Path, target: Path) -> None:
+def _hold(held: ExitStack, lock: Path, target: Path, say: Callable[[str], object]) -> None:
     try:
-        held.enter_context(FileLock(lock, blocking=False))
+        held.enter_context(locked(lock, wait=False, say=say))
     except Timeout as error:
         raise OutputError(
             f"another process is making the run {target}; wait for it, or choose another name."
@@ -140,22 +125,42 @@ def _has_state(folder: Path) -> bool:
 
 
 def _check_unfinished(
-    target: Path, folder: Path, depends_on: dict[str, Any] | None, resume: bool
+    target: Path,
+    folder: Path,
+    depends_on: dict[str, Any] | None,
+    resume: bool,
+    say: Callable[[str], object],
 ) -> None:
-    """Checks that an unfinished run may be resumed."""
+    """Checks that an unfinished run may be resumed; of another release, nothing of it is kept.
+
+    Each finished stage has the key of what it depends on: where no fingerprint can be read, these
+    tell which of them serve.
+    """
     if not resume:
         raise OutputError(
             f"an unfinished run of {target} lies in {folder}; add --resume to go on with it, or "
             f"remove that folder."
         )
-    before = json.loads((folder / FINGERPRINT).read_text(encoding="utf-8"))
-    now = json.loads(json.dumps(depends_on))
-    if before != now:
-        key = next(key for key in {**before, **now} if before.get(key) != now.get(key))
+    before, now = _kept_facts(folder / FINGERPRINT), json.loads(json.dumps(depends_on))
+    if before is None:
+        say(f"{folder / FINGERPRINT} cannot be read; stages of other settings are made anew")
+    elif any(before.get(key) != (now or {}).get(key) for key in RELEASE):
+        shutil.rmtree(folder / STATE)
+        say(f"the stages in {folder} are those of another release; they are made anew")
+    elif before != (now or {}):
         raise ConfigError(
-            f"the unfinished run of {target} has {key} = {before.get(key)!r}, not "
-            f"{now.get(key)!r}; repeat its command to go on, or remove {folder}."
+            f"the unfinished run of {target} has {difference(before, now or {})}; repeat its "
+            f"command to go on, or remove {folder}."
         )
+
+
+def _kept_facts(path: Path) -> dict[str, Any] | None:
+    """The fingerprint of an unfinished run; None if it cannot be read."""
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return facts if isinstance(facts, dict) else None
 
 
 def remove_leftovers(run: Path | str) -> None:

@@ -74,6 +74,16 @@ def new_folder(path: Path | str) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def is_text(text: str) -> bool:
+    """Whether UTF-8 can hold a text; the name of a file may hold bytes that it cannot."""
+    return not any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
+def readable(text: str) -> str:
+    """The text with escapes in place of bytes that are no UTF-8."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
 def zip_member(name: str) -> zipfile.ZipInfo:
     """The entry of an uncompressed zip member, with a fixed time."""
     return zipfile.ZipInfo(name, TIMESTAMP)

@@ -19,8 +19,10 @@ from .atomic import write_atomic
 from .ranks import ALONE, Ranks
 from .stopwatch import Stopwatch
 
-# Key of the metadata: seconds by stage, as JSON.
-SECONDS = "seconds"
+# Keys of the metadata: seconds by stage, as JSON, and what the result depends on.
+SECONDS, DEPENDS_ON = "seconds", "depends_on"
+# What a file raises that holds something else than its stage expects.
+MISFITS = (OutputError, KeyError, ValueError, TypeError, RuntimeError, IndexError)
 
 
 class Stored(Protocol):
@@ -47,11 +49,15 @@ class Checkpoint:
         watch: stopwatch, to which the seconds of stages of an earlier process are added.
         folder: folder of the results; None: nothing is kept.
         ranks: processes of the run; the first one writes.
+        depends_on: key of all that the results depend on; files with another one are made anew.
+        say: told in one line of a file that cannot be used.
     """
 
     watch: Stopwatch
     folder: Path | None = None
     ranks: Ranks = field(default=ALONE)
+    depends_on: str = ""
+    say: Callable[[str], object] = field(default=str)  # nobody is told
 
     def once(self, name: str, kind: type[S], compute: Callable[[], S]) -> S:
         """The result of stage `name`: read if an earlier process finished it, else computed.
@@ -64,33 +70,51 @@ class Checkpoint:
         Raises:
             OSError: the result cannot be written.
         """
-        found = self.ranks.first(lambda: self._read(name))
+        found = self._found(name, kind)
         if found is not None:
-            tensors, seconds = found
+            result, seconds = found
             for stage, spent in {**seconds, "total": math.fsum(seconds.values())}.items():
                 self.watch.seconds[stage] = self.watch.seconds.get(stage, 0.0) + spent
-            return kind.from_tensors(tensors)
+            return result
         before = dict(self.watch.seconds)
         result = compute()
         spent = {k: v - before.get(k, 0.0) for k, v in self.watch.seconds.items()}
         self.ranks.first(lambda: self._keep(name, result, spent))
         return result
 
+    def _found(self, name: str, kind: type[S]) -> tuple[S, dict[str, float]] | None:
+        """Result and seconds that an earlier process kept; None if there are none to use."""
+        try:
+            read = self.ranks.first(lambda: self._read(name))
+            return None if read is None else (kind.from_tensors(read[0]), read[1])
+        except MISFITS as error:
+            if self.ranks.is_first:
+                reason = " ".join(str(error).split()) or type(error).__name__
+                self.say(f"{name}: what an earlier process kept cannot be used ({reason}); anew")
+            return None
+
     def _keep(self, name: str, result: Stored, spent: dict[str, float]) -> None:
         if self.folder is None:
             return
-        content = tensor_file.pack(result.to_tensors(), {SECONDS: json.dumps(spent)})
+        facts = {SECONDS: json.dumps(spent), DEPENDS_ON: self.depends_on}
+        content = tensor_file.pack(result.to_tensors(), facts)
         write_atomic(self.folder / f"{name}.safetensors", content)
 
     def _read(self, name: str) -> tuple[dict[str, Tensor], dict[str, float]] | None:
-        """Tensors and seconds that an earlier process kept; None if missing or damaged."""
-        if self.folder is None:
+        """Tensors and seconds that an earlier process kept; None if it kept none.
+
+        Raises:
+            OutputError: the file is damaged.
+            ValueError: it is of another run, or tells no seconds.
+        """
+        path = None if self.folder is None else self.folder / f"{name}.safetensors"
+        if path is None or not path.exists():
             return None
-        try:
-            tensors, metadata = tensor_file.read(self.folder / f"{name}.safetensors", "cpu")
-        except OutputError:
-            return None
-        return tensors, json.loads(metadata[SECONDS])
+        tensors, metadata = tensor_file.read(path, "cpu")
+        if metadata.get(DEPENDS_ON) != self.depends_on:
+            raise ValueError("it was made of another input, or with other settings")
+        seconds = dict(json.loads(metadata.get(SECONDS, "")))
+        return tensors, {stage: float(spent) for stage, spent in seconds.items()}
 
 
 def stage_generator(seed: int, stage: str) -> torch.Generator:

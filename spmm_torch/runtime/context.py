@@ -32,6 +32,7 @@ class Context:
         state: folder for the results of finished stages, from which a run resumes; None: none.
         cache: folder for decoded values; None: the user's cache folder, and only for a BTF that
             exceeds the memory.
+        depends_on: key of all that finished stages depend on; a state with another is made anew.
     """
 
     device: torch.device
@@ -42,6 +43,7 @@ class Context:
     ranks: Ranks = ALONE
     state: Path | None = None
     cache: Path | None = None
+    depends_on: str = ""
 
     @classmethod
     def build(
@@ -55,6 +57,7 @@ class Context:
         ranks: Ranks = ALONE,
         state: Path | None = None,
         cache: Path | None = None,
+        depends_on: str = "",
     ) -> Context:
         """The context of a run.
 
@@ -63,7 +66,7 @@ class Context:
             seed: seed of every random choice.
             memory: bytes that the process may take; None: half of the free memory.
             watch: stopwatch of the stages; None: a new one.
-            progress, ranks, state, cache: see the attributes.
+            progress, ranks, state, cache, depends_on: see the attributes.
 
         Raises:
             ConfigError: there is no such device.
@@ -71,7 +74,7 @@ class Context:
         where = resolve_device(device)
         budget = Budget.build(memory, processes=local_count())
         watch = watch or Stopwatch(where)
-        return cls(where, seed, watch, budget, progress, ranks, state, cache)
+        return cls(where, seed, watch, budget, progress, ranks, state, cache, depends_on)
 
     def generator(self, stage: str) -> torch.Generator:
         """The random generator of one stage, on the CPU."""
@@ -83,7 +86,8 @@ class Context:
         Raises:
             OSError: the result cannot be written.
         """
-        return Checkpoint(self.watch, self.state, self.ranks).once(name, kind, compute)
+        kept = Checkpoint(self.watch, self.state, self.ranks, self.depends_on, self.progress.say)
+        return kept.once(name, kind, compute)
 
     def stage(
         self,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, cast
@@ -10,6 +9,7 @@ from typing import Any, cast
 import torch
 
 from ..errors import ConfigError
+from .ranks import launched
 
 
 def resolve_device(name: str) -> torch.device:
@@ -24,10 +24,10 @@ def resolve_device(name: str) -> torch.device:
         device = torch.device(name)
     except RuntimeError as error:
         raise ConfigError(f"device is {name!r}; expected auto, cpu, cuda or cuda:N.") from error
-    if device.type not in ("cpu", "cuda"):
+    if device.type not in ("cpu", "cuda") or (device.type == "cpu" and device.index):
         raise ConfigError(f"device is {name!r}; expected auto, cpu, cuda or cuda:N.")
-    count = torch.cuda.device_count() if device.type == "cuda" else 1
-    if (device.index or 0) >= count:
+    count = torch.cuda.device_count()
+    if device.type == "cuda" and (device.index or 0) >= count:
         raise ConfigError(
             f"device is {name!r}, but torch sees {count} CUDA devices here; use --device cpu, or "
             f"install a CUDA build of torch."
@@ -57,6 +57,7 @@ def full_precision() -> Iterator[None]:
 
 def local_device(name: str) -> str:
     """The name of the device of this rank; several GPUs are dealt out to the ranks in turn."""
-    if name in ("auto", "cuda") and torch.cuda.is_available() and "LOCAL_RANK" in os.environ:
-        return f"cuda:{int(os.environ['LOCAL_RANK']) % torch.cuda.device_count()}"
+    rank = launched("LOCAL_RANK", -1)
+    if rank >= 0 and name in ("auto", "cuda") and torch.cuda.is_available():
+        return f"cuda:{rank % torch.cuda.device_count()}"
     return name

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import mmap
 import os
-import re
-import resource
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import torch
 from torch import Tensor
 
 from ..errors import ConfigError, OutputError
 
-UNITS = "KMGT"
-SIZE = re.compile(rf"\s*(\d+(?:\.\d+)?)\s*(?:([{UNITS}])(I?))?B?\s*", re.IGNORECASE)
+try:
+    import resource
+except ImportError:  # Windows has none
+    resource = None
 # Fraction of the free memory that a run may take, unless a limit is given.
 DEFAULT_FRACTION = 0.5
+# Bytes of memory where the system tells none: --max-memory says more.
+ASSUMED_MEMORY = 8 << 30
 MEMINFO, STATUS = Path("/proc/meminfo"), Path("/proc/self/status")
 # Control groups limit the memory of a container. For their version 2 and 1: the folder, the file of
 # the limit, the file of the use, and the key in CGROUP_DETAILS of reclaimable file pages.
@@ -37,20 +43,6 @@ CGROUPS = (
 CGROUP_DETAILS = "memory.stat"
 
 
-def parse_size(text: str) -> int:
-    """The bytes that a text such as `4GB`, `500 MB` or `3GiB` names.
-
-    Raises:
-        ConfigError: the text names no size.
-    """
-    match = SIZE.fullmatch(text)
-    if match is None:
-        raise ConfigError(f"{text!r} is no size; expected a number with a unit such as 4GB.")
-    number, unit, binary = match.groups()
-    power = UNITS.index(unit.upper()) + 1 if unit else 0
-    return int(float(number) * (1024 if binary else 1000) ** power)
-
-
 def free_memory() -> int:
     """Bytes that this process may still take, by what the system and its container report."""
     free = [_available()]
@@ -64,11 +56,16 @@ def free_memory() -> int:
 
 
 def _available() -> int:
-    """Bytes that the system has available; all of its memory where it does not report them."""
-    try:
+    """Bytes that the system has available; all of its memory where it does not report them.
+
+    ASSUMED_MEMORY where it tells neither, as Windows does.
+    """
+    with suppress(OSError, ValueError):
         return _entry(MEMINFO, "MemAvailable:") * 1024
-    except (OSError, ValueError):
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    if hasattr(os, "sysconf"):
+        with suppress(OSError, ValueError):
+            return os.sysconf("SC_PHYS_PAGES") * mmap.PAGESIZE
+    return ASSUMED_MEMORY
 
 
 def _reclaimable(cgroup: Path, key: str) -> int:
@@ -94,11 +91,11 @@ def resident_memory() -> int:
         pages = int(Path("/proc/self/statm").read_text().split()[1])
     except (OSError, ValueError, IndexError):
         return 0
-    return pages * os.sysconf("SC_PAGE_SIZE")
+    return pages * mmap.PAGESIZE
 
 
 def peak_resident_memory() -> int:
-    """The largest number of bytes of memory that this process has held.
+    """The largest number of bytes of memory that this process has held; 0 where nothing tells.
 
     On Linux not by getrusage, which includes the memory of the parent process at the fork.
     """
@@ -108,6 +105,8 @@ def peak_resident_memory() -> int:
                 return int(line.split()[1]) * 1024
     except OSError:
         pass
+    if resource is None:
+        return 0
     unit = 1 if sys.platform == "darwin" else 1024  # Linux counts in KiB
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
@@ -161,6 +160,32 @@ def slices(count: int, size: int) -> Iterator[slice]:
         yield slice(start, min(start + size, count))
 
 
+# What systems say that cannot reserve space; macOS and Windows lack the function.
+NO_RESERVING = (errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
+
+
+def reserve(file: IO[bytes], size: int) -> None:
+    """Reserves `size` bytes on disk for an open file, which takes that size.
+
+    Without reserved space, a full disk would kill the process at a write to mapped memory. Where
+    the system cannot reserve, enough must be free.
+
+    Raises:
+        OSError: the disk is full.
+    """
+    if hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(file.fileno(), 0, size)
+            return
+        except OSError as error:
+            if error.errno not in NO_RESERVING:
+                raise
+    place = file.name if isinstance(file.name, str) else tempfile.gettempdir()
+    if shutil.disk_usage(Path(place).parent).free < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    file.truncate(size)
+
+
 def scratch(shape: tuple[int, ...], in_memory: bool, device: torch.device) -> Tensor:
     """An uninitialized float32 tensor `[...]` of a shape.
 
@@ -177,8 +202,7 @@ def scratch(shape: tuple[int, ...], in_memory: bool, device: torch.device) -> Te
     size = 4 * math.prod(shape)
     try:
         with tempfile.TemporaryFile(prefix="spmm_torch-") as file:
-            # Without reserved space, a full disk would kill the process at a write.
-            os.posix_fallocate(file.fileno(), 0, size)
+            reserve(file, size)
             mapped = mmap.mmap(file.fileno(), size)
     except OSError as error:
         raise OutputError(

@@ -11,6 +11,8 @@ from typing import TextIO
 
 from tqdm import tqdm
 
+from .lasting import lasting
+
 Advance = Callable[[int], None]  # called with the number of units that are newly done
 # Seconds between two plain lines: a log stays short, and a stalled run is noticed.
 LINE_INTERVAL = 10.0
@@ -39,7 +41,7 @@ class Progress:
         interval: float = LINE_INTERVAL,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.stream = sys.stderr if stream is None else stream
+        self.stream = lasting(sys.stderr if stream is None else stream)
         self.enabled = enabled
         self.log = log
         self.interval = interval
@@ -80,7 +82,7 @@ class Progress:
             print(text, file=self.stream, flush=True)
         if self.log is not None:
             # Opened for every line, so that the folder of a run can be renamed meanwhile.
-            with self.log.open("a", encoding="utf-8") as file:
+            with self.log.open("a", encoding="utf-8", errors="backslashreplace") as file:
                 file.write(text + "\n")
 
 

@@ -17,6 +17,8 @@ from ..errors import SPMMError
 
 T = TypeVar("T")
 
+# Variables of `torchrun` that hold numbers.
+NUMBERS = ("RANK", "WORLD_SIZE", "MASTER_PORT")
 # Time that a rank waits for the others. Rank 0 alone may search for hours; if a rank dies, torchrun
 # ends the others.
 TIMEOUT = timedelta(days=7)
@@ -112,7 +114,7 @@ def _exchange() -> Iterator[None]:
 @contextmanager
 def joined_ranks(device: torch.device) -> Iterator[Ranks]:
     """The ranks that `torchrun` started, this one on `device`; a single one without `torchrun`."""
-    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+    if launched("WORLD_SIZE", 1) == 1:
         yield ALONE
         return
     on_gpu = device.type == "cuda"
@@ -130,9 +132,22 @@ def joined_ranks(device: torch.device) -> Iterator[Ranks]:
 
 def local_count() -> int:
     """The number of ranks that `torchrun` started on this machine; 1 without it."""
-    return int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    return launched("LOCAL_WORLD_SIZE", 1)
 
 
 def speaks() -> bool:
     """Whether this process prints: rank 0 of `torchrun`, or a single process."""
-    return int(os.environ.get("RANK", "0")) == 0
+    return launched("RANK", 0) == 0
+
+
+def launched(name: str, alone: int) -> int:
+    """A number that `torchrun` tells by a variable; `alone` for a process that it did not start.
+
+    Job systems and shells leave some of these variables behind, also empty ones: only all of them
+    together, with numbers, are those of `torchrun`.
+    """
+    given = [os.environ.get(key, "") for key in NUMBERS]
+    if not os.environ.get("MASTER_ADDR") or not all(map(str.isdecimal, given)):
+        return alone
+    value = os.environ.get(name, "")
+    return int(value) if value.isdecimal() else alone

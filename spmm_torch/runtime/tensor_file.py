@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from ..errors import OutputError
+from .atomic import is_text
 
 FORMAT = "spmm_torch"
 # Versions that are read. A file has the first, which all programs know, unless it needs another.
@@ -68,10 +69,8 @@ def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor]
             f"{path} does not exist; expected a run folder made by spmm fit; check the path."
         )
     try:
-        with safetensors.safe_open(path, framework="pt", device=str(device)) as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except (safetensors.SafetensorError, OSError) as error:
+        tensors, metadata = _opened(path, device)
+    except (safetensors.SafetensorError, OSError, ValueError) as error:
         raise OutputError(
             f"{path} is damaged or no model ({error}); fit it again with spmm fit."
         ) from error
@@ -83,3 +82,20 @@ def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor]
             f"{' and '.join(VERSIONS)}; fit it again with spmm fit."
         )
     return tensors, metadata
+
+
+def _opened(path: Path, device: torch.device | str) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Named tensors `[...]` and metadata of a file.
+
+    Raises:
+        SafetensorError, OSError, ValueError: the file is damaged, or cannot be read.
+    """
+    if is_text(str(path)):
+        with safetensors.safe_open(path, framework="pt", device=str(device)) as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            return tensors, file.metadata() or {}
+    content = path.read_bytes()  # the library opens no names but those in UTF-8
+    tensors = safetensors.torch.load(content)
+    start = HEADER_START + int.from_bytes(content[:HEADER_START], "little")
+    metadata = json.loads(content[HEADER_START:start]).get("__metadata__", {})
+    return {name: tensor.to(device) for name, tensor in tensors.items()}, metadata

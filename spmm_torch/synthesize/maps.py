@@ -49,6 +49,22 @@ class TextureMaps:
         """Height of the texture, in texture widths."""
         return self.height.shape[0] / self.height.shape[1]
 
+    def unlike(self) -> list[str]:
+        """A line for each map of another size than the height map."""
+        rows, columns = self.height.shape
+        others = {
+            "albedo": self.albedo,
+            "roughness": self.roughness,
+            "metallic": self.metallic,
+            "normal": self.normal,
+        }
+        return [
+            f"warning: the {role} map is {picture.shape[1]} x {picture.shape[0]}, the height map "
+            f"{columns} x {rows}: they are resized to one another"
+            for role, picture in others.items()
+            if picture is not None and picture.shape[:2] != (rows, columns)
+        ]
+
     def reduced(self, width: int) -> TextureMaps:
         """The maps with at most `width` columns each, averaged where they had more."""
         normal = None if self.normal is None else unit(reduce(self.normal, width))

@@ -11,8 +11,9 @@ from spmm_torch.benchmark.fits import TimedFit, on_device, timed_fit
 from spmm_torch.benchmark.peers.problem import Problem
 from spmm_torch.benchmark.protocol import Protocol
 from spmm_torch.benchmark.scope import SMALL, Bench, Scope
-from spmm_torch.benchmark.variants import DEFAULT, shipped
+from spmm_torch.benchmark.variants import DEFAULT
 from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.config.shipped import shipped
 from spmm_torch.data import BTF, Selection, write_npz
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.runtime.progress import Progress

@@ -16,7 +16,8 @@ from spmm_torch.benchmark.rates.leads import SIGNS, comparable, leads_of
 from spmm_torch.benchmark.rates.ours import _fits, our_rows
 from spmm_torch.benchmark.rates.subject import Subject, middle
 from spmm_torch.benchmark.scope import Bench
-from spmm_torch.benchmark.variants import DEFAULT, shipped
+from spmm_torch.benchmark.variants import DEFAULT
+from spmm_torch.config.shipped import shipped
 from spmm_torch.data import BTF, write_npz
 from spmm_torch.geometry.directions import ring_directions
 from tests.planted.btfs import random_btf

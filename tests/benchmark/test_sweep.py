@@ -9,8 +9,9 @@ import yaml
 from spmm_torch.benchmark import sweep
 from spmm_torch.benchmark.fits import EARLY_STAGES, SharedStages, TimedFit, on_device
 from spmm_torch.benchmark.scope import Bench
-from spmm_torch.benchmark.variants import DEFAULT, SHIPPED, VARIANTS, Variant, shipped
+from spmm_torch.benchmark.variants import DEFAULT, SHIPPED, VARIANTS, Variant
 from spmm_torch.config.fit import FitConfig
+from spmm_torch.config.shipped import shipped
 from spmm_torch.fit import fit
 from tests.locations import CONFIGS
 

@@ -17,7 +17,7 @@ from spmm_torch import BTF, FitConfig, load_btf
 from spmm_torch.fit import fit
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import COORDINATES, LobeBatch, decode
-from tests.locations import DATA
+from tests.locations import data_file
 from tests.measured import FOUR_LOBES, measured_brdfs, measured_means
 from tests.planted.btfs import texel_btf
 
@@ -80,7 +80,7 @@ def main() -> None:
     options = parser.parse_args()
     if "materials" in options.names:
         for name in MATERIALS:
-            show(name, load_btf(DATA / f"{name}.zip"), FitConfig())
+            show(name, load_btf(data_file(f"{name}.zip")), FitConfig())
     if "brdfs" in options.names:
         snr = [show(name, btf, FOUR_LOBES) for name, btf in measured_brdfs(options.every)]
         print(f"{len(snr)} BRDFs: median {np.median(snr):.2f} dB, ", end="")

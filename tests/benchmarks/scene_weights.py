@@ -26,7 +26,7 @@ from spmm_torch.fit.weighting import scene_weights
 from spmm_torch.render import BTFMaterial, CosineSampled, Material, Rendering, auto_exposure, render
 from spmm_torch.render.display import encode_display
 from spmm_torch.render.scene_file import scene_of
-from tests.locations import DATA
+from tests.locations import data_file
 
 MATERIALS = ("WEAVE64", "TILES64")
 # A sample on a table under one lamp; a ball in the sun; a ball in a studio, lit from all around.
@@ -93,7 +93,7 @@ class Sample:
     @classmethod
     def load(cls, name: str, side: int, scenes: list[str], settings: list[str]) -> Sample:
         selection = Selection(crop=(0, 0, side, side))
-        btf = load_btf(DATA / f"{name}.zip", selection=selection).load()
+        btf = load_btf(data_file(f"{name}.zip"), selection=selection).load()
         material, aspect = BTFMaterial.build(btf), btf.width / btf.height
         references = {scene: picture(material, SCENES[scene], aspect) for scene in scenes}
         return cls(btf, FitConfig().override(settings), references)

@@ -151,6 +151,8 @@ def refusals(tmp_path: Path) -> Iterator[tuple[list[str], str]]:
     yield [zipped, "-o", str(tmp_path / "link"), "--format=npz"], "link exists"
     yield [str(tmp_path / "no.zip"), "-o", out], "no.zip does not exist"
     yield [zipped, "-o", f"{out}.tif"], "ends in .tif, which names no format"
+    yield [zipped, "-o", f"{out}.zip", "--format=exr"], "out.zip does not fit --format exr"
+    yield [zipped, "-o", f"{out}.npz", "--format=ubo2003"], "expected a name in .zip"
     yield [zipped, "-o", f"{out}/deeper/a.npz"], "cannot be written"
     yield [zipped, "-o", f"{out}/deeper/a"], "cannot be written"
     yield [zipped, "-o", f"{out}.zip", "--quality=0"], "quality is 0"

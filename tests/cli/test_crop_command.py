@@ -32,7 +32,7 @@ def test_a_folder_that_is_not_there(tmp_path: Path, refused: Callable[..., str])
     [
         (["--height=7"], "the rectangle x 8..24, y 0..7 does not fit"),
         ([], "the following arguments are required: --height; spmm crop --help tells"),
-        (["--height=tall"], "invalid int value: 'tall'"),
+        (["--height=tall"], "'tall' is no number; expected a whole number"),
     ],
 )
 def test_bad_rectangles(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from spmm_torch.cli import editor as command
+from spmm_torch.errors import ConfigError
 
 
 @pytest.mark.parametrize(
@@ -41,3 +43,13 @@ def test_without_trame_the_sentence_names_the_extra(
 
 def test_a_free_port_is_one() -> None:
     assert 0 < command.free_port("localhost") < 1 << 16
+
+
+def test_a_port_in_use_is_refused() -> None:
+    with socket.socket() as taken:
+        taken.bind(("localhost", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ConfigError, match=f"--port {port} cannot be used"):
+            command.free_port("localhost", port)
+    assert command.free_port("localhost", port) == port

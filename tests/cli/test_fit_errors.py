@@ -102,6 +102,8 @@ SETTINGS: dict[str, tuple[list[str], str]] = {
     "out of range": (["--set", "cluster.count=0"], "expected at least 1"),
     "no value": (["--set", "seed"], "expected KEY=VALUE"),
     "negative seed": (["--seed", "-1"], "seed is -1"),
+    "huge seed": (["--seed", "9" * 23], "expected 0 to 9223372036854775807"),
+    "half a seed": (["--seed", "1.5"], "seed is 1.5; expected a whole number"),
     "no such device": (["--device", "abacus"], "expected auto, cpu, cuda or cuda:N"),
     "device too far": (["--device", "cuda:99"], "use --device cpu"),
     "other device": (["--device", "meta"], "expected auto, cpu, cuda or cuda:N"),

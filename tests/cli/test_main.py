@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import subprocess
 import sys
 from argparse import Namespace
@@ -129,3 +130,56 @@ def test_the_module_runs_commands() -> None:
     command = [sys.executable, "-m", "spmm_torch.cli.main", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout.strip()) == (0, spmm_torch.__version__)
+
+
+QUICK: dict[str, tuple[list[str], str]] = {
+    "no input": (["fit", "no.zip", "-o", "r"], "no.zip does not exist"),
+    "no setting": (["fit", "no.zip", "-o", "r", "--set=sead=1"], "did you mean seed"),
+    "no settings": (["fit", "no.zip", "-o", "r", "--config=fats"], "fast, paper"),
+    "no size": (["fit", "no.zip", "-o", "r", "--max-memory", "-1GB"], "'-1GB' is no size"),
+    "run is there": (["fit", "no.zip", "-o", "there"], "there exists"),
+    "no run": (["render", "no", "-o", "x.png"], "no does not exist"),
+    "no run to judge": (["evaluate", "no"], "no does not exist"),
+    "no run to draw": (["figures", "no", "-o", "x"], "no does not exist"),
+    "no run to edit": (["edit", "no", "fig6", "-o", "x"], "no does not exist"),
+    "no run to look at": (["view", "no", "--save", "x.png"], "no does not exist"),
+    "a BTF for a run": (["render", "a.zip", "-o", "x.png"], "give --input a.zip to render a BTF"),
+    "nowhere to write": (["render", "there", "-o", "no/x.png"], "no is no folder"),
+    "a folder": (["render", "there", "-o", "there"], "there exists"),
+}
+
+
+def test_plain_mistakes_are_told_before_torch_is_imported(tmp_path: Path) -> None:
+    """Torch takes seconds."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "a.zip").write_bytes(b"")
+    code = (
+        "import sys; from spmm_torch.cli.main import main\n"
+        "for words in map(str.split, sys.argv[1:]):\n"
+        "    assert main(words) == 2\n"
+        "assert 'torch' not in sys.modules\n"
+    )
+    lines = [" ".join(words) for words, _ in QUICK.values()]
+    shown = subprocess.run(
+        [sys.executable, "-c", code, *lines], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert shown.returncode == 0, shown.stderr
+    for (_, complaint), line in zip(QUICK.values(), shown.stderr.splitlines(), strict=True):
+        assert line.startswith("error: ") and complaint in line
+
+
+def test_threads_wait_without_spinning() -> None:
+    code = (
+        "import os; from spmm_torch.cli.main import main; main(['cache', 'show'])\n"
+        "print(os.environ['OMP_WAIT_POLICY'])"
+    )
+    environment = {key: value for key, value in os.environ.items() if key != "OMP_WAIT_POLICY"}
+    for given, expected in (({}, "PASSIVE"), ({"OMP_WAIT_POLICY": "ACTIVE"}, "ACTIVE")):
+        shown = subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment | given,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert shown.stdout.strip() == expected

@@ -110,7 +110,7 @@ BAD = [
     (["--turntable", "4"], "is no .gif"),
     (["--repeat", "0"], "--repeat is 0.0; expected 0.001 to 1000.0"),
     (["--size", "0"], "--size is 0; expected 1 to 4096"),
-    (["--size", "many"], "invalid int value: 'many'"),
+    (["--size", "many"], "--size is 'many'; expected a whole number"),
     (["--samples", "0"], "--samples is 0; expected 1 to 4096"),
     (["--exposure", "-1"], "--exposure is '-1'"),
     (["--gamma", "0"], "--gamma is 0.0"),

@@ -14,9 +14,9 @@ from spmm_torch.config.schema import (
     from_dict,
     parse_value,
     plain,
-    read_yaml,
     setting,
 )
+from spmm_torch.config.written import read_yaml
 from spmm_torch.errors import ConfigError
 
 
@@ -56,7 +56,8 @@ def test_values_of_every_type() -> None:
 @pytest.mark.parametrize("text", ["1e-3", "1E-3", "0.001"])
 def test_numbers_without_a_point_are_numbers(text: str) -> None:
     """YAML 1.1 reads `1e-3` as text."""
-    assert from_dict(Inner, {"share": parse_value(text, f"share={text}")}).share == 0.001
+    value = parse_value(text, f"share={text}", Inner)
+    assert from_dict(Inner, {"share": value}).share == 0.001
 
 
 BAD: dict[str, tuple[Any, str]] = {
@@ -104,17 +105,90 @@ def test_assign() -> None:
         assign(values, ["quiet", "more"], 1)
 
 
+# Text of a setting, and what it is by the type of that setting; YAML 1.1 reads it otherwise.
+BY_TYPE: dict[str, tuple[str, str, Any]] = {
+    "leading zeros": ("inner.count", "007", 7),
+    "not octal": ("inner.limit", "010", 10),
+    "not base 60": ("note", "1:30", "1:30"),
+    "digits of a name": ("note", "045", "045"),
+    "a date": ("note", "2024-01-02", "2024-01-02"),
+    "no boolean": ("note", "on", "on"),
+    "boolean": ("quiet", "yes", True),
+    "apostrophe": ("note", "my sister's scenes/s.yaml", "my sister's scenes/s.yaml"),
+    "colon and hash": ("note", "a: b #c/s.yaml", "a: b #c/s.yaml"),
+    "bracket": ("note", "[draft] s.yaml", "[draft] s.yaml"),
+    "quotes": ("note", "'null'", "null"),
+    "null": ("note", "null", None),
+    "nothing": ("inner.limit", "", None),
+    "numbers in a row": ("place", "010,010,020,020", (10, 10, 20, 20)),
+    "a list of numbers": ("place", "[010, 08]", (10, 8)),
+    "number of a list": ("sizes", "1e-3", (0.001,)),
+}
+
+
+@dataclass(frozen=True)
+class Typed:
+    inner: Inner = field(default_factory=Inner)
+    note: str | None = setting("none", "a remark")
+    quiet: bool = setting(False, "whether")
+    place: tuple[int, ...] | None = setting(None, "where")
+    sizes: tuple[float, ...] = setting((1.0,), "how large")
+
+
+def value_at(settings: Any, key: str) -> Any:
+    for name in key.split("."):
+        settings = getattr(settings, name)
+    return settings
+
+
+@pytest.mark.parametrize("case", BY_TYPE)
+def test_the_type_of_the_setting_reads_its_text(case: str) -> None:
+    key, text, expected = BY_TYPE[case]
+    values: dict[str, Any] = {}
+    assign(values, key.split("."), parse_value(text, f"{key}={text}", Typed))
+    found = value_at(from_dict(Typed, values), key)
+    assert (found, type(found)) == (expected, type(expected))
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [("inner.count", "1:30"), ("inner.count", "0x9"), ("inner.share", "0b1"), ("place", "1_0,2")],
+)
+def test_numbers_of_yaml_that_nobody_means_are_refused(key: str, text: str) -> None:
+    values: dict[str, Any] = {}
+    assign(values, key.split("."), parse_value(text, f"{key}={text}", Typed))
+    with pytest.raises(ConfigError, match=f"{key} is .*; expected a (whole )?number"):
+        from_dict(Typed, values)
+
+
+def test_files_are_read_by_type_too(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(
+        "inner: {count: 007, share: 1e-1, limit: }\nnote: 1:30\nquiet: off\nplace: [010, 0020]\n"
+    )
+    expected = Typed(Inner(7, 0.1, None), "1:30", False, (10, 20))
+    assert from_dict(Typed, read_yaml(path)) == expected
+
+
+def test_a_key_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text("inner:\n  count: 3\n  count: 4\n")
+    with pytest.raises(ConfigError, match="the key count is there twice"):
+        read_yaml(path)
+
+
 def test_parse_value() -> None:
-    assert parse_value("[a, 2]", "x=[a, 2]") == ["a", 2]
-    assert parse_value("null", "x=null") is None
-    with pytest.raises(ConfigError, match=r"--set x=\[: the value is not valid YAML"):
-        parse_value("[", "x=[")
+    assert parse_value("[red, 2]", "kinds=[red, 2]", Outer) == ["red", "2"]
+    assert parse_value("null", "kinds=null", Outer) is None
+    with pytest.raises(ConfigError, match=r"--set kinds=\[: the value is not valid YAML"):
+        parse_value("[", "kinds=[", Outer)
 
 
 def test_read_yaml(tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
     path.write_text("inner: {count: 2}\n", encoding="utf-8")
-    assert read_yaml(path) == {"inner": {"count": 2}}
+    assert read_yaml(path) == {"inner": {"count": "2"}}
+    assert from_dict(Outer, read_yaml(path)).inner.count == 2
     path.write_text("# nothing\n", encoding="utf-8")
     assert read_yaml(path) == {}
 

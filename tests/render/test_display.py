@@ -9,6 +9,7 @@ import pytest
 import torch
 from PIL import Image
 
+from spmm_torch.config.render import check_output
 from spmm_torch.data.codecs import openexr
 from spmm_torch.errors import ConfigError, OutputError
 from spmm_torch.render import (
@@ -19,7 +20,7 @@ from spmm_torch.render import (
     write_gif,
     write_png,
 )
-from spmm_torch.render.display import check_output, white_exposure
+from spmm_torch.render.display import white_exposure
 
 
 def test_srgb_is_what_others_say() -> None:

@@ -98,4 +98,5 @@ def report() -> dict[str, Any]:
         "device": "cpu",
         "seed": 0,
         "versions": {"spmm_torch": "0.1.0", "torch": "2.13.0"},
+        "format": 1,
     }

@@ -45,6 +45,13 @@ def test_any_number_of_bars_lies_inside(chart: Chart, values: tuple[float, ...])
     assert ("nothing to show" in text) == (not values)
 
 
+def test_long_texts_beside_bars_are_not_cut_off() -> None:
+    text = "33.4 % \u00b7 12,408 stored"
+    chart = ElementTree.fromstring(bar_chart([Bar("ward", 9.0, text), Bar("b", 1.0, "1")], "title"))
+    starts = [float(node.attrib["x"]) for node in chart.iter("text") if node.text == text]
+    assert starts[0] + 8.0 * len(text) <= WIDTH
+
+
 def test_bars_are_in_proportion() -> None:
     lengths = [box["width"] for box in rectangles(bar_chart(bars_of(1.0, 4.0, 2.0), "title"))]
     assert [length / lengths[1] for length in lengths] == pytest.approx([0.25, 1.0, 0.5], rel=0.01)

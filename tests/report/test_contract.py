@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from spmm_torch.report import REPORT_KEYS, Report, check_report, write_report
+from spmm_torch.report.contract import older_report
 
 
 def test_a_full_report_passes(report: dict[str, Any]) -> None:
@@ -67,3 +68,34 @@ def test_numbers_that_are_not_finite_become_null(report: dict[str, Any], tmp_pat
     assert read["psnr_db"]["without_residual"] is None
     assert read["versions"] == {"list": [1.0, None]}
     assert read["snr_db"]["cluster_mean"] == report["snr_db"]["cluster_mean"]
+
+
+# What reports of earlier releases lack, or have besides.
+OLDER: dict[str, dict[str, Any]] = {
+    "no display": {"display": None},
+    "other groups": {"mssim": 0.9, "sharpness": [1], "seconds": {"load": 1.0}},
+    "more keys": {"speed": 1.0, "bytes": {"index": 1, "total": 7}},
+    "no version": {"format": None},
+}
+
+
+@pytest.mark.parametrize("case", OLDER)
+def test_reports_of_earlier_releases_are_read(report: dict[str, Any], case: str) -> None:
+    values = {key: value for key, value in (report | OLDER[case]).items() if value is not None}
+    found = older_report(values).to_dict()
+    check_report(found)
+    assert found["format"] == 1
+    untouched = [key for key in report if key not in {*OLDER[case], "auto"}]
+    assert all(found[key] == report[key] for key in untouched)
+
+
+def test_the_first_reports_are_read(report: dict[str, Any]) -> None:
+    first = {key: report[key] for key in ("input", "raw_bytes")}
+    found = older_report(first)
+    assert (found.raw_bytes, found.display.psnr_db.with_residual) == (report["raw_bytes"], None)
+
+
+@pytest.mark.parametrize("values", [[], None, 3, {}, {"input": "a"}])
+def test_what_is_no_report_is_named(values: Any) -> None:
+    with pytest.raises(ValueError, match="it lacks input or raw_bytes"):
+        older_report(values)

@@ -10,13 +10,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-import torch
 
-from spmm_torch import FitConfig
-from spmm_torch.data import load_btf, sample_path
 from spmm_torch.errors import ConfigError, DataError, OutputError
 from spmm_torch.runs import folder
-from spmm_torch.runs.folder import STATE, fingerprint, is_finished, new_run, remove_leftovers
+from spmm_torch.runs.folder import STATE, is_finished, new_run, remove_leftovers
 
 THIS, OTHER = {"input": "a.zip", "cluster.count": 4}, {"input": "a.zip", "cluster.count": 5}
 
@@ -158,7 +155,7 @@ def test_resume_without_leftovers_starts_afresh(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"cluster.count": 5}, r"has cluster\.count = 4, not 5; repeat its command"),
-        ({"input": "b.zip"}, r"has input = 'a\.zip', not 'b\.zip'"),
+        ({"input": "b.zip"}, r"has other content of the input"),
         ({"seed": 1}, "has seed = None, not 1"),
     ],
 )
@@ -203,7 +200,7 @@ def test_two_processes_do_not_make_one_run(tmp_path: Path, stages: int) -> None:
 def test_process_that_waited_for_a_finished_run_spares_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def finish_meanwhile(held: ExitStack, lock: Path, target: Path) -> None:
+    def finish_meanwhile(_held: ExitStack, _lock: Path, target: Path, _say: object) -> None:
         target.mkdir()
         (target / "a").write_text("1")
 
@@ -280,14 +277,38 @@ def test_names_of_no_folder_to_make(
     assert names(tmp_path) == []
 
 
-def test_fingerprint_tells_apart_what_changes_the_model() -> None:
-    config = FitConfig()
-    btf = load_btf(sample_path())
-    facts = fingerprint(btf, config)
-    assert facts == json.loads(json.dumps(facts))
-    assert facts["bytes"] == sample_path().stat().st_size
-    assert facts["cluster.count"] == config.cluster.count
-    part = btf.restricted(torch.arange(16), (4, 4))
-    for other in (fingerprint(part, config), fingerprint(btf, config.override(["seed=1"]))):
-        assert other != facts
-    assert fingerprint(load_btf(sample_path()), FitConfig()) == facts
+@pytest.mark.parametrize("content", ["", "{", "[]", "7", None])
+def test_a_fingerprint_that_cannot_be_read_stops_nothing(
+    tmp_path: Path, content: str | None
+) -> None:
+    """Every finished stage knows itself what it depends on."""
+    path, told = stopped(tmp_path / "run") / "fingerprint.json", []
+    path.unlink() if content is None else path.write_text(content)
+    with new_run(tmp_path / "run", THIS, resume=True, say=told.append) as folder:
+        assert names(folder / STATE) == ["cluster.safetensors"]
+        assert json.loads((folder / "fingerprint.json").read_text()) == THIS
+    assert len(told) == 1 and "fingerprint.json cannot be read" in told[0]
+
+
+@pytest.mark.parametrize("key", ["version", "state"])
+def test_stages_of_another_release_are_made_anew(tmp_path: Path, key: str) -> None:
+    told: list[str] = []
+    stopped(tmp_path / "run")
+    with new_run(tmp_path / "run", {**THIS, key: 9}, resume=True, say=told.append) as folder:
+        assert names(folder / STATE) == []
+    assert len(told) == 1 and "another release" in told[0]
+
+
+@pytest.mark.parametrize("code", [errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP])
+def test_a_file_system_without_locks_stops_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
+) -> None:
+    def flock(*_: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr("fcntl.flock", flock)
+    told: list[str] = []
+    with new_run(tmp_path / "run", THIS, say=told.append) as folder:
+        (folder / "a").write_text("1")
+    assert names(tmp_path / "run") == ["a"]
+    assert len(told) == 1 and "file system without locks" in told[0]

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from spmm_torch.runtime.checkpoint import Checkpoint, stage_generator
 from spmm_torch.runtime.stopwatch import Stopwatch
+from spmm_torch.runtime.tensor_file import pack
 
 CPU = torch.device("cpu")
 # The first 8 bytes of BLAKE2b of "0/cluster", without their highest bit.
@@ -122,6 +123,54 @@ def test_a_damaged_file_is_made_anew(tmp_path: Path, size: int) -> None:
         check_equal(checkpoint(tmp_path).once("a", Numbers, stage), stage.result)
     assert stage.calls == 2
     assert len(path.read_bytes()) == len(content)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A result of two tensors of one length."""
+
+    first: Tensor
+    second: Tensor
+
+    def to_tensors(self) -> dict[str, Tensor]:
+        return {"first": self.first, "second": self.second}
+
+    @classmethod
+    def from_tensors(cls, tensors: dict[str, Tensor]) -> Pair:
+        torch.stack((tensors["first"], tensors["second"]))
+        return cls(tensors["first"], tensors["second"])
+
+
+UNUSABLE: dict[str, tuple[dict[str, Tensor], dict[str, str]]] = {
+    "names of another release": ({"first": torch.ones(2)}, {"seconds": "{}"}),
+    "another shape": ({"first": torch.ones(2), "second": torch.ones(3)}, {"seconds": "{}"}),
+    "no seconds": ({"first": torch.ones(2), "second": torch.ones(2)}, {}),
+    "half of the seconds": ({"first": torch.ones(2), "second": torch.ones(2)}, {"seconds": "{"}),
+    "seconds of no stage": ({"first": torch.ones(2), "second": torch.ones(2)}, {"seconds": "7"}),
+}
+
+
+@pytest.mark.parametrize("case", UNUSABLE)
+def test_what_cannot_be_used_is_made_anew_with_one_line(tmp_path: Path, case: str) -> None:
+    tensors, metadata = UNUSABLE[case]
+    (tmp_path / "a.safetensors").write_bytes(pack(tensors, {"depends_on": "", **metadata}))
+    told: list[str] = []
+    made = Pair(torch.zeros(1), torch.zeros(1))
+    for _ in range(2):
+        kept = Checkpoint(Stopwatch(CPU), tmp_path, say=told.append)
+        assert torch.equal(kept.once("a", Pair, lambda: made).first, made.first)
+    assert len(told) == 1 and told[0].startswith("a: what an earlier process kept cannot be used")
+
+
+def test_a_stage_of_something_else_is_made_anew(tmp_path: Path) -> None:
+    told: list[str] = []
+    for key, calls in (("this", 1), ("this", 0), ("other", 1)):
+        stage = Stage()
+        Checkpoint(Stopwatch(CPU), tmp_path, depends_on=key, say=told.append).once(
+            "a", Numbers, stage
+        )
+        assert stage.calls == calls
+    assert len(told) == 1 and "of another input, or with other settings" in told[0]
 
 
 def test_tensors_that_share_memory(tmp_path: Path) -> None:

@@ -26,6 +26,9 @@ def test_each_rank_has_its_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ranks beyond the number of GPUs share them."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
+    torchrun = {"RANK": "0", "WORLD_SIZE": "3", "MASTER_ADDR": "here", "MASTER_PORT": "1"}
+    for name, value in torchrun.items():
+        monkeypatch.setenv(name, value)
     for rank, device in enumerate(["cuda:0", "cuda:1", "cuda:0"]):
         monkeypatch.setenv("LOCAL_RANK", f"{rank}")
         assert [local_device(name) for name in NAMES] == [device, "cpu", device, "cuda:1"]

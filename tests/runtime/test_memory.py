@@ -20,7 +20,6 @@ from spmm_torch.runtime import memory
 from spmm_torch.runtime.memory import (
     Budget,
     free_memory,
-    parse_size,
     resident_memory,
     scratch,
     slices,
@@ -28,42 +27,6 @@ from spmm_torch.runtime.memory import (
 
 CPU = torch.device("cpu")
 MIB, GIB = 1 << 20, 1 << 30
-
-
-@pytest.mark.parametrize(
-    ("text", "size"),
-    [
-        ("0", 0),
-        ("123", 123),
-        ("123B", 123),
-        ("4GB", 4_000_000_000),
-        ("4gb", 4_000_000_000),
-        ("4 G", 4_000_000_000),
-        (" 500 MB ", 500_000_000),
-        ("2.5k", 2500),
-        ("0.5T", 500_000_000_000),
-        ("3GiB", 3 * GIB),
-        ("1.5 mib", 3 << 19),
-        ("1Ki", 1024),
-        ("2tib", 2 << 40),
-    ],
-)
-def test_sizes(text: str, size: int) -> None:
-    assert parse_size(text) == size
-
-
-@pytest.mark.parametrize(
-    "text", ["", "GB", "-4GB", "4XB", "4iB", "4GBB", "4 G B", "four", "4.GB", "1e9", "nan", "4,5GB"]
-)
-def test_no_sizes(text: str) -> None:
-    with pytest.raises(ConfigError, match="is no size; expected a number with a unit") as error:
-        parse_size(text)
-    assert repr(text) in str(error.value)
-
-
-@given(st.integers(0, 1 << 50))
-def test_plain_numbers_are_bytes(size: int) -> None:
-    assert parse_size(str(size)) == parse_size(f"{size} B") == size
 
 
 @pytest.fixture

@@ -87,6 +87,10 @@ def test_maps_of_one_shape_may_differ_in_size(save: Save) -> None:
     assert maps.aspect == 0.5
     assert maps.albedo.shape == (10, 20, 3)
     assert maps.normal is None
+    assert [line.split(",")[0] for line in maps.unlike()] == [
+        "warning: the albedo map is 20 x 10",
+        "warning: the roughness map is 80 x 40",
+    ]
 
 
 def test_maps_of_another_shape_are_refused(save: Save) -> None:

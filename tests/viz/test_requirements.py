@@ -52,6 +52,7 @@ def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ConfigError, match="no display .* give --save"):
         require_window("spmm view")
     monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(requirements, "display_works", lambda: True)
     require_window("spmm view")
 
 
@@ -74,3 +75,10 @@ def test_without_drivers_the_command_does_not_crash(run: Path, tmp_path: Path) -
     assert result.stderr.startswith("error: spmm view cannot draw")
     assert result.stderr.count("\n") == 1
     assert not target.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no DISPLAY")
+def test_a_display_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":4711")
+    with pytest.raises(ConfigError, match="finds no display .nothing answers at DISPLAY=:4711"):
+        require_window("spmm view")

@@ -33,7 +33,7 @@ html {{ overflow-y: auto; }}
   align-items: start; }}
 .pictures {{ display: grid; gap: 18px; grid-template-columns: 1fr 1fr; margin-bottom: 18px; }}
 .pictures img {{ width: 100%; max-height: 41vh; object-fit: contain; display: block; }}
-.lower {{ display: grid; gap: 18px; grid-template-columns: 1fr 1fr; }}
+.lower {{ display: grid; gap: 18px; grid-template-columns: repeat(auto-fit, minmax(340px, 1fr)); }}
 .card {{ background: #fff; border: 1px solid {css(LINE)}; border-radius: 10px; padding: 12px 14px;
   margin-bottom: 14px; }}
 .slice {{ width: 100%; max-width: 260px; image-rendering: pixelated; cursor: crosshair;
@@ -83,7 +83,14 @@ def build_page(server: Any, callbacks: Callbacks) -> None:
 
     with VAppLayout(server):
         client.Style(STYLE)
-        with html.Div(classes="editor"):
+        with html.Div(
+            classes="editor",
+            tabindex="-1",  # keys reach it even if nothing in it has the focus
+            undo_key=callbacks.undo,
+            redo_key=callbacks.redo,
+            __properties=["tabindex"],
+            __events=[("undo_key", "keydown.ctrl.z.exact"), ("redo_key", "keydown.ctrl.y.exact")],
+        ):
             _bar(callbacks)
             with html.Div(classes="columns"):
                 with html.Div():

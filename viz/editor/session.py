@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +11,7 @@ from pathlib import Path
 import torch
 import yaml
 
+from ...config.written import load_text
 from ...edit import Mask, Script, Step, lobe_group
 from ...errors import ConfigError
 from ...model.spmm import SPMM
@@ -64,6 +67,7 @@ class Session:
     _undo: list[Layers] = field(default_factory=list)
     _redo: list[Layers] = field(default_factory=list)
     _dragged: str | None = None
+    _saved: set[Path] = field(default_factory=set)
     _models: OrderedDict[tuple[Step, ...], SPMM] = field(default_factory=OrderedDict)
 
     @classmethod
@@ -183,12 +187,21 @@ class Session:
     def save(self, output: Path | str) -> None:
         """Saves the edited model as a run of its own, with the script that makes it.
 
+        What this session has saved under that name before is replaced. `~` is the user's home.
+
         Raises:
             SPMMError: an edit cannot be done, or the folder exists or cannot be written.
         """
         if not str(output).strip():
             raise ConfigError("no name to save as; expected a new folder such as RUN2; give one.")
-        save_edited_run(self.run, self.original, self.model(), self.script, output)
+        target = Path(str(output).strip()).expanduser().absolute()
+        again = target in self._saved and target.exists()
+        place = target.with_name(f".{target.name}.again") if again else target
+        save_edited_run(self.run, self.original, self.model(), self.script, place)
+        if again:
+            shutil.rmtree(target)
+            os.replace(place, target)
+        self._saved.add(target)
 
     def usable(self) -> dict[str, bool]:
         """Whether each slider has something that it can change: its lobes, or the relief."""
@@ -224,7 +237,7 @@ def _items(text: str) -> list[object]:
         ConfigError: no YAML.
     """
     try:
-        items = yaml.safe_load(text)
+        items = load_text(text)
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"the edit is not valid YAML: {reason}; mend it.") from error

@@ -8,10 +8,11 @@ from __future__ import annotations
 import importlib.util
 from typing import Any
 
+from ...config.shipped import shipped
 from ...data import Selection
 from ..fits import TimedFit, on_device, timed_fit
 from ..scope import Bench, Scope
-from ..variants import DEFAULT, shipped
+from ..variants import DEFAULT
 from . import (
     local_pca,
     neural,

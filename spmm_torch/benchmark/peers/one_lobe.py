@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from ...config.shipped import shipped
 from ..fits import on_device, plain_fit
 from ..protocol import Timing
-from ..variants import DEFAULT, shipped
+from ..variants import DEFAULT
 from .problem import WHOLE, Peer, Problem, Row, row
 
 ONE = "select.max_lobes=1"

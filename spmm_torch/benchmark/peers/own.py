@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import torch
 
+from ...config.shipped import shipped
 from ...data.error_weights import UNIFORM
 from ...fit.cluster import Samples
 from ...fit.dictionary import FoundLobes
@@ -15,7 +16,7 @@ from ...fit.select.texels import Fit, select, squared_errors
 from ...metrics import snr_db
 from ...runtime.context import Context
 from ..protocol import Timing, measure
-from ..variants import DEFAULT, shipped
+from ..variants import DEFAULT
 from .problem import SEARCH, SELECTION, WHOLE, Peer, Problem, Row, row
 
 

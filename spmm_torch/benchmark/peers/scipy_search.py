@@ -13,10 +13,11 @@ from scipy.optimize import minimize, nnls
 from torch import Tensor
 
 from ...brdf import MODEL_NAMES
+from ...config.shipped import shipped
 from ...geometry.directions import MAX_DISK_RADIUS
 from ...lobes.batch import COORDINATES, Feasible
 from ..protocol import measure
-from ..variants import DEFAULT, shipped
+from ..variants import DEFAULT
 from .problem import SEARCH, Peer, Problem, Row, row, snr_of
 
 STARTS = 2  # of each model

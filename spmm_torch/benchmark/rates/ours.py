@@ -5,12 +5,13 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from ...config.shipped import shipped
 from ...evaluate.slices import slice_figures
 from ...fit.pipeline import FitResult
 from ...model.relief import Relief
 from ...runtime.context import Context
-from ..fits import on_device, plain_fit
-from ..variants import DEFAULT, shipped
+from ..fits import SHARED, on_device, plain_fit
+from ..variants import DEFAULT
 from .subject import Row, Subject
 
 # `relief.mode` of the two lines, and their names.
@@ -37,7 +38,9 @@ def _fits(subject: Subject, mode: str) -> list[tuple[int, FitResult]]:
     with tempfile.TemporaryDirectory(prefix="spmm_torch-rates-") as folder:
         for rank in sorted(bench.scope.ranks, reverse=True):
             config = base.override([f"relief.mode={mode}", f"residual.rank={rank}"])
-            context = Context.build(config.device, config.seed, state=Path(folder))
+            context = Context.build(
+                config.device, config.seed, state=Path(folder), depends_on=SHARED
+            )
             results.append((rank, plain_fit(subject.btf, config, context)))
             for path in Path(folder).glob(LAST_STAGES):
                 path.unlink()

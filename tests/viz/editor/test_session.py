@@ -167,10 +167,24 @@ def test_saved_runs_are_what_was_shown(session: Session, tmp_path: Path) -> None
     assert same(SPMM.load(tmp_path / "run2"), session.model())
     again = Script.read(tmp_path / "run2" / "edits.yaml")
     assert same(again.apply(session.original), session.model())
-    with pytest.raises(OutputError, match="exists"):
-        session.save(tmp_path / "run2")
     with pytest.raises(ConfigError, match="no name to save as"):
         session.save(" ")
+
+
+def test_saved_again_replaces_what_this_session_saved(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for value in (-100.0, 60.0):
+        session.move("hue", value)
+        session.save("~/run2")
+        assert same(SPMM.load(tmp_path / "run2"), session.model())
+    with pytest.raises(OutputError, match="exists"):  # nor of another session
+        Session.open(session.run).save(tmp_path / "run2")
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(OutputError, match="exists"):
+        session.save(tmp_path / "mine")
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_sliders_without_lobes_are_not_usable(session: Session) -> None:
