@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from ..errors import DataError
+from ..runtime.atomic import readable
 from .folder_files import folder_files, is_hidden
 from .inner_zip import inner_member, unpacked
-from ..runtime.atomic import readable
 
 ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError)
 # Names of methods of compression that the library of Python cannot undo, by their number in a zip.
