@@ -76,7 +76,7 @@ def _is_encoded(data: bytes, position: int) -> bool:
 
 
 def _decode_rows(data: bytes, height: int, width: int) -> np.ndarray:
-    """Codes `[H, W, 4]` of scanlines, each of which may be in the current encoding or the old one."""
+    """Codes `[H, W, 4]` of scanlines, each of which has its own encoding."""
     mark = _mark(width)
     if len(data) < height * _fewest_bytes(width):
         raise ValueError(f"it is truncated: {len(data)} bytes cannot hold {width} x {height}")
