@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..data.codecs import CODECS, DECODE_ERRORS, codec_of
+from ..data.codecs import CODECS, DECODE_ERRORS, codec_of, is_linear
 from ..errors import DataError
 
 # Relative luminance of linear sRGB primaries [ITU-R BT.709].
@@ -217,7 +217,10 @@ def _decode(payload: bytes) -> Tensor:
     codec = codec_of(payload)
     if not codec.HDR:
         raise ValueError(f"it is neither {' nor '.join(each.TITLE for each in CODECS if each.HDR)}")
-    return codec.expansion(1.0)(torch.from_numpy(codec.decode(payload)))
+    codes, expand = torch.from_numpy(codec.decode(payload)), codec.expansion(1.0)
+    if not is_linear(codes, expand):
+        raise ValueError(f"it holds {codes.dtype} codes of a display; expected linear floats")
+    return expand(codes)
 
 
 def _check_radiance(picture: Tensor, name: str) -> None:

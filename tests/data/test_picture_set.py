@@ -201,8 +201,8 @@ def truncated_jpeg() -> bytes:
         (b"", "cannot be read"),
         (b"not a picture", "cannot identify"),
         (encode(np.zeros((4, 6, 3), np.uint8)), "is 6 x 4; expected 5 x 4"),
-        (encode(np.zeros((4, 5, 4), np.uint8)), "mode RGBA"),
-        (encode(np.zeros((4, 5), np.uint16)), "mode I;16"),
+        (encode(np.zeros((4, 5, 4), np.uint8)), "transparent in places"),
+        (encode(np.zeros((4, 5), np.uint16)), "has values of uint16; expected uint8"),
     ],
 )
 @pytest.mark.parametrize("write", [write_zip, write_folder])
