@@ -5,6 +5,7 @@ A new format is one module and one line in `NAMES`.
 
 from __future__ import annotations
 
+import struct
 from importlib import import_module
 from pathlib import Path
 from typing import cast
@@ -45,6 +46,8 @@ DECODE_ERRORS = (
     ValueError,
     OverflowError,
     Image.DecompressionBombError,
+    struct.error,  # of Pillow, at the end of truncated tags
+    Warning,  # of Pillow about damaged tags, where a program turns warnings into errors
 )
 # Bytes by which a codec is found.
 HEAD_BYTES = 64

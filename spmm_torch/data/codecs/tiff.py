@@ -53,16 +53,14 @@ def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
         with TiffFile(io.BytesIO(payload)) as file:
             page = _only_page(file)
             _check_bytes(page, len(payload))
-            depth = page.bitspersample
-            deep = _deep_codes(page) if depth > 8 else None
+            if page.bitspersample <= 8:
+                return decode_as(payload, ("TIFF",), ignore_alpha)
             orientation = page.tags.valueof(ORIENTATION_TAG)
-    except (MemoryError, ValueError):
+            return upright(rgb_of(_deep_codes(page), ignore_alpha), orientation)
+    except (MemoryError, OSError, ValueError, Warning):
         raise
-    except Exception as error:  # of damaged files it raises whatever its steps meet
+    except Exception as error:  # of damaged files both libraries raise whatever their steps meet
         raise ValueError(f"it is damaged: {error}") from error
-    if deep is None:
-        return decode_as(payload, ("TIFF",), ignore_alpha)
-    return upright(rgb_of(deep, ignore_alpha), orientation)
 
 
 def expansion(gamma: float) -> Expansion:
@@ -95,7 +93,8 @@ def _deep_codes(page: TiffPage) -> np.ndarray:
     """Codes `[H, W, B]` of a page of more than 8 bits: colour, and alpha if there is one."""
     kind = int(page.photometric)
     if kind not in COLOUR_CHANNELS or page.imagedepth != 1:
-        raise ValueError(f"its colours are {page.photometric!s}; expected grey or RGB: convert it")
+        name = getattr(page.photometric, "name", kind)
+        raise ValueError(f"its colours are {name}; expected grey or RGB: convert it")
     dtype = page.dtype
     if dtype is None or dtype.kind not in "uf" or (dtype.kind == "u" and dtype.itemsize != 2):
         raise ValueError(
