@@ -75,8 +75,8 @@ def crop_jpeg(payload: bytes, box: Box, name: str) -> bytes:
             raise DataError(f"picture {name!r} is {image.format}; expected JPEG; convert it first.")
         if image.getexif().get(ORIENTATION_TAG) in TURNS:
             raise DataError(
-                f"picture {name!r} is turned by its EXIF tag; expected upright pixels, whose blocks "
-                f"can be kept; turn it without loss first, as by jpegtran or exiftran."
+                f"picture {name!r} is turned by its EXIF tag; expected upright pixels, whose "
+                f"blocks can be kept; turn it without loss first, as by exiftran."
             )
         sampling = JpegImagePlugin.get_sampling(image)
         _check_box(box, image.size, BLOCK if sampling == FULL_COLOUR else SUBSAMPLED_BLOCK)

@@ -86,7 +86,8 @@ class EnvironmentLight:
         except DECODE_ERRORS as error:
             raise DataError(
                 f"environment map {path} cannot be read ({error}); expected an OpenEXR, "
-                f"Radiance or float TIFF picture (.exr, .hdr, .tif) in latitude-longitude format; check the file."
+                f"Radiance or float TIFF picture (.exr, .hdr, .tif) in latitude-longitude format; "
+                f"check the file."
             ) from error
         return cls.build(picture, f"environment map {path}")
 
