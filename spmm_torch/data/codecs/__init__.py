@@ -84,5 +84,5 @@ def read_picture(
 
 
 def is_linear(codes: Tensor, expand: Expansion) -> bool:
-    """Whether a picture holds linear values, rather than codes for a display."""
+    """Whether codes `[..., B]` of a picture stand for linear values, not for those of a display."""
     return codes.is_floating_point() or not expand.elementwise

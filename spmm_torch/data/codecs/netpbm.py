@@ -38,9 +38,10 @@ def decode_deep(payload: bytes) -> np.ndarray:
     codes = _codes(payload[header.end() :], header[1] in PLAIN, count)
     if largest > CODE_MAX or len(codes) < count or not count:
         raise ValueError(f"it is truncated: {len(codes)} of {count} codes up to {largest}")
-    if codes[:count].max() > largest:
-        raise ValueError(f"it holds the code {codes[:count].max()}; expected at most {largest}")
-    full = np.rint(codes[:count] * (CODE_MAX / largest)).astype(np.uint16)
+    low, high = codes.min(), codes.max()
+    if low < 0 or high > largest:
+        raise ValueError(f"it holds codes from {low} to {high}; expected 0 to {largest}")
+    full = np.rint(codes * (CODE_MAX / largest)).astype(np.uint16)
     return full.reshape(height, width, -1)
 
 

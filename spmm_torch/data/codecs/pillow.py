@@ -7,7 +7,6 @@ turned as their EXIF orientation says. Colour profiles are ignored.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 
 import imagecodecs
 import numpy as np
@@ -49,7 +48,7 @@ def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
     return decode_as(payload, FORMATS, ignore_alpha)
 
 
-def decode_as(payload: bytes, formats: Sequence[str], ignore_alpha: bool) -> np.ndarray:
+def decode_as(payload: bytes, formats: tuple[str, ...], ignore_alpha: bool) -> np.ndarray:
     """Codes `[H, W, 3]` of a picture of some of Pillow's formats; see `decode`.
 
     Raises:
@@ -71,7 +70,7 @@ def expansion(gamma: float) -> Expansion:
     return DepthExpansion(gamma)
 
 
-def _opened(payload: bytes, formats: Sequence[str]) -> Image.Image:
+def _opened(payload: bytes, formats: tuple[str, ...]) -> Image.Image:
     """The picture, whose pixels are not decoded yet."""
     try:
         image = Image.open(io.BytesIO(payload), formats=formats)
