@@ -154,7 +154,7 @@ def _check(options: argparse.Namespace) -> None:
         raise ConfigError(f"--turntable is {frames}; expected 2 to {MAX_FRAMES} frames.")
     check_place(options.output, replaces=True)
     check_output(options.output, frames is not None)
-    if options.input is None:
-        check_run(options.run, f"give --input {options.run} to render a BTF itself")
-    else:
+    if options.input is not None:
         check_input(options.input)
+    elif options.run is not None:
+        check_run(options.run, f"give --input {options.run} to render a BTF itself")

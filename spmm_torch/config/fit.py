@@ -24,7 +24,7 @@ class DataConfig:
 
     gamma: float = setting(
         2.2,
-        "display gamma: exponent that turns 8-bit codes into linear values",
+        "display gamma: exponent that turns codes of 8 and 16 bits into linear values",
         low=0.01,
         high=10.0,
     )

@@ -42,7 +42,8 @@ class BTF:
         path: path of the source as given; empty for values in memory.
         height, width: size of the pictures; texel t = row * width + column, row 0 at the top.
         view, light: unit vectors `[V, 3]`, `[L, 3]` float32, pointing away from the surface.
-        bytes_per_value: bytes of a value in the source: 1 (8 bit), 4/3 (RGBE), 2 or 4 (float).
+        bytes_per_value: bytes of a value in the source: 1 or 2 (8 or 16 bits), 4/3 (RGBE), 2 or 4
+            (float).
         open_store: function that decodes a part of the source; called once.
         hdr: whether values may exceed 1; None if only the decoded values tell.
         channels: number of channels, C.

@@ -28,8 +28,8 @@ from ..runtime.atomic import write_atomic
 from ..runtime.lock import locked
 from ..runtime.memory import reserve, slices
 
-# Part of every key, so that entries of another layout are never found.
-LAYOUT_VERSION = 1
+# Part of every key, so that entries of another layout, or decoded by other rules, are never found.
+LAYOUT_VERSION = 2
 # Texels that are written at once: at most a few hundred MB of mapped pages.
 WRITTEN_TEXELS = 1 << 12
 # Suffixes of the files of an entry; the holder of the last one, the lock, may touch the others.

@@ -15,6 +15,7 @@ from PIL import Image, JpegImagePlugin
 from ..errors import DataError
 from ..runtime.atomic import new_file, zip_member
 from .codecs import DECODE_ERRORS
+from .codecs.arrangement import ORIENTATION_TAG, TURNS
 from .named_pictures import list_pictures
 from .pictures import open_archive, unreadable
 
@@ -66,11 +67,17 @@ def crop_jpeg(payload: bytes, box: Box, name: str) -> bytes:
         name: name of the picture in messages.
 
     Raises:
-        DataError: the picture is not JPEG, or the box is outside of it or cuts its blocks.
+        DataError: the picture is not JPEG, or turned by a tag, or the box is outside of it or cuts
+            its blocks.
     """
     with Image.open(io.BytesIO(payload)) as image:
         if image.format != "JPEG" or not isinstance(image, JpegImagePlugin.JpegImageFile):
             raise DataError(f"picture {name!r} is {image.format}; expected JPEG; convert it first.")
+        if image.getexif().get(ORIENTATION_TAG) in TURNS:
+            raise DataError(
+                f"picture {name!r} is turned by its EXIF tag; expected upright pixels, whose "
+                f"blocks can be kept; turn it without loss first, as by exiftran."
+            )
         sampling = JpegImagePlugin.get_sampling(image)
         _check_box(box, image.size, BLOCK if sampling == FULL_COLOUR else SUBSAMPLED_BLOCK)
         tables = image.quantization

@@ -27,7 +27,8 @@ class ReadOptions:
     """Options of all readers.
 
     Args:
-        gamma: exponent that turns 8-bit codes into linear values; 1.0 if they are linear already.
+        gamma: exponent that turns codes of 8 and 16 bits into linear values; 1.0 if they are
+            linear already.
         threads: number of pictures that are decoded at once; 0: one for each core, at most 8.
         cosine: whether values contain the cosine of the light: "included", "missing" (values are
             then multiplied by it), or "auto" (as a `.btf` file states; included for all others).

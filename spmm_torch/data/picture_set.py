@@ -2,16 +2,16 @@
 
 File names give the directions: `<NAME>/MANYFILES/tv030_pv030/00008 tl000 pl000 tv030 pv030.jpg`
 has the polar angles t and azimuths p, in degrees, of light l and view v; other names are read by a
-pattern. The first bytes of a file give its format: JPEG and PNG (UBO2003), Radiance (ATRIUM) or
-OpenEXR. 8-bit pictures are gamma-encoded, the others linear; all values contain the cosine of the
-light.
+pattern. The first bytes of a file give its format: JPEG, PNG and their kin (UBO2003), TIFF,
+Radiance (ATRIUM) or OpenEXR. Pictures of 8 and 16 bits are gamma-encoded, the others linear; all
+values contain the cosine of the light.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +58,10 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     grid = find_grid(source, files, options)
     notes = hole_notes(grid) + left_out_notes(source, files, grid, options.pattern)
     return PictureSet.of(source, grid, options).btf(str(path), material_name(source), notes)
+
+
+class WiderFloatsError(Exception):
+    """A picture of single floats was met where the first one holds half floats."""
 
 
 @dataclass(frozen=True)
@@ -173,6 +177,13 @@ class PictureSet:
             DataError: a picture cannot be decoded, or a value is not valid.
             OutputError: the cache cannot be written.
         """
+        try:
+            return self._open_store(part, loading)
+        except WiderFloatsError:  # the first picture holds half floats, a later one does not
+            return replace(self, dtype=np.dtype(np.float32))._open_store(part, loading)
+
+    def _open_store(self, part: Part, loading: Loading) -> Store:
+        """Decodes a part of the pictures; a WiderFloatsError if a value may not fit its type."""
         texels = self.size[0] * self.size[1] if part.texels is None else len(part.texels)
         files = self._files(part)  # [V', L'] names, None for missing ones
         shape = (len(files), len(files[0]), texels, self.width)
@@ -244,6 +255,8 @@ class PictureSet:
         if (codes.dtype, codes.shape[2]) != (self.dtype, self.width):
             if np.issubdtype(self.dtype, np.floating) and codes.dtype == np.float16:
                 return codes.astype(self.dtype)
+            if self.dtype == np.float16 and codes.dtype == np.float32:
+                raise WiderFloatsError
             raise DataError(
                 f"picture {name!r} in {self.path} has values of {codes.dtype}; expected "
                 f"{self.dtype} like the first one; store all pictures alike."

@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from ..data.codecs import CODECS, DECODE_ERRORS, codec_of
+from ..data.codecs import CODECS, DECODE_ERRORS, codec_of, is_linear
 from ..errors import DataError
 
 # Relative luminance of linear sRGB primaries [ITU-R BT.709].
@@ -75,7 +75,7 @@ class EnvironmentLight:
 
     @classmethod
     def read(cls, path: Path | str) -> EnvironmentLight:
-        """The light of an OpenEXR or Radiance picture.
+        """The light of an OpenEXR, Radiance or float TIFF picture.
 
         Raises:
             DataError: the file cannot be read, or holds no valid light.
@@ -85,8 +85,9 @@ class EnvironmentLight:
             picture = _decode(payload)
         except DECODE_ERRORS as error:
             raise DataError(
-                f"environment map {path} cannot be read ({error}); expected an OpenEXR or "
-                f"Radiance picture (.exr, .hdr) in latitude-longitude format; check the file."
+                f"environment map {path} cannot be read ({error}); expected an OpenEXR, "
+                f"Radiance or float TIFF picture (.exr, .hdr, .tif) in latitude-longitude format; "
+                f"check the file."
             ) from error
         return cls.build(picture, f"environment map {path}")
 
@@ -217,7 +218,10 @@ def _decode(payload: bytes) -> Tensor:
     codec = codec_of(payload)
     if not codec.HDR:
         raise ValueError(f"it is neither {' nor '.join(each.TITLE for each in CODECS if each.HDR)}")
-    return codec.expansion(1.0)(torch.from_numpy(codec.decode(payload)))
+    codes, expand = torch.from_numpy(codec.decode(payload)), codec.expansion(1.0)
+    if not is_linear(codes, expand):
+        raise ValueError(f"it holds {codes.dtype} codes of a display; expected linear values")
+    return expand(codes)
 
 
 def _check_radiance(picture: Tensor, name: str) -> None:

@@ -8,15 +8,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from ..data.codecs import DECODE_ERRORS, read_picture
 from ..errors import DataError
 
-# Code of white, by mode of a grey picture; floats are not scaled.
-WHITE = {"L": 255, "I;16": 65535, "I;16B": 65535, "I;16L": 65535, "I": 65535, "F": 1}
-# Modes that Pillow converts to 8-bit grey or RGB, without loss except for transparency.
-CONVERTED = {"1": "L", "LA": "L", "P": "RGB", "PA": "RGB", "RGBA": "RGB", "RGBX": "RGB"}
-DECODE_ERRORS = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
-# Largest mean range of the channels of a grey picture saved as RGB, in 8-bit codes: JPEG rounds.
-MAX_TINT = 4.0
+# Largest mean range of the channels of a grey picture saved as RGB: JPEG rounds.
+MAX_TINT = 4.0 / 255.0
 # Tolerance of the ratio of two aspects: maps may differ in size, and sides are rounded.
 SHAPE_TOLERANCE = 0.01
 # Smallest z of a normal before it is normalized, so that it faces up.
@@ -150,24 +146,13 @@ def read_grey(path: Path | str, role: str) -> np.ndarray:
     Raises:
         DataError: the file is no picture, coloured, or out of range.
     """
-    image = _open(path, role)
-    if image.mode == "RGB":
-        codes = np.asarray(image, dtype=np.float32)  # [h, w, 3]
-        if float(np.ptp(codes, axis=-1).mean()) > MAX_TINT:
-            raise DataError(
-                f"{role} map {path} is coloured; expected one grey value for each pixel; "
-                f"if it packs several maps into its channels, save the right one alone."
-            )
-        return codes.mean(axis=-1) / 255.0
-    if image.mode not in WHITE:
-        raise _wrong_mode(path, role, image, "grey of 8 or 16 bits or float")
-    values = np.asarray(image, dtype=np.float32) / WHITE[image.mode]
-    if not (values.min() >= 0.0 and values.max() <= 1.0):  # also refuses NaN
+    values = _read(path, role)  # [h, w, 3]
+    if float(np.ptp(values, axis=-1).mean()) > MAX_TINT:
         raise DataError(
-            f"{role} map {path} has values from {values.min():g} to {values.max():g}; expected 0 "
-            f"to 1; rescale it."
+            f"{role} map {path} is coloured; expected one grey value for each pixel; "
+            f"if it packs several maps into its channels, save the right one alone."
         )
-    return values
+    return values.mean(axis=-1, dtype=np.float64).astype(np.float32)
 
 
 def read_albedo(path: Path | str, role: str) -> np.ndarray:
@@ -178,54 +163,46 @@ def read_albedo(path: Path | str, role: str) -> np.ndarray:
         role: name of the map in messages.
 
     Raises:
-        DataError: the file is no picture, or of an unusable mode.
+        DataError: the file is no picture, or of floats.
     """
-    codes = _read_rgb(path, role) / 255.0
+    codes = _read(path, role, encoded=True)
     return np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4).astype(
         np.float32
     )
 
 
 def read_normal(path: Path | str, role: str) -> np.ndarray:
-    """Unit normals `[h, w, 3]` from a picture whose codes 0 to 255 stand for -1 to 1.
+    """Unit normals `[h, w, 3]` from a picture whose values 0 to 1 stand for -1 to 1.
 
     Args:
         path: picture file.
         role: name of the map in messages.
 
     Raises:
-        DataError: the file is no picture, or of an unusable mode.
+        DataError: the file is no picture, or of floats.
     """
-    return unit(_read_rgb(path, role) / 127.5 - 1.0)
+    return unit(_read(path, role, encoded=True) * 2.0 - 1.0)
 
 
-def _read_rgb(path: Path | str, role: str) -> np.ndarray:
-    """The 8-bit codes `[h, w, 3]` of a picture, as float32."""
-    image = _open(path, role)
-    if image.mode not in ("RGB", "L"):
-        raise _wrong_mode(path, role, image, "8-bit RGB")
-    return np.asarray(image.convert("RGB"), dtype=np.float32)  # [h, w, 3]
-
-
-def _open(path: Path | str, role: str) -> Image.Image:
-    """The decoded picture of a map."""
+def _read(path: Path | str, role: str, encoded: bool = False) -> np.ndarray:
+    """The values `[h, w, 3]` float32 of the picture of a map, black 0 and white 1."""
     if not Path(path).exists():
         raise DataError(
             f"{role} map {path} does not exist; expected a picture file; check the path."
         )
     try:
-        with Image.open(path) as image:
-            image.load()
-            return image.convert(CONVERTED[image.mode]) if image.mode in CONVERTED else image.copy()
+        values = read_picture(path, ignore_alpha=True, encoded=encoded)
     except DECODE_ERRORS as error:
         raise DataError(
             f"{role} map {path} cannot be read ({error}); expected a PNG, JPEG or TIFF picture; "
             f"save it again."
         ) from error
-
-
-def _wrong_mode(path: Path | str, role: str, image: Image.Image, expected: str) -> DataError:
-    return DataError(f"{role} map {path} has mode {image.mode}; expected {expected}; convert it.")
+    if not (values.min() >= 0.0 and values.max() <= 1.0):  # also refuses NaN
+        raise DataError(
+            f"{role} map {path} has values from {values.min():g} to {values.max():g}; expected 0 "
+            f"to 1; rescale it."
+        )
+    return values
 
 
 def unit(normals: np.ndarray) -> np.ndarray:

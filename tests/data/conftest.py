@@ -12,13 +12,14 @@ import pytest
 from spmm_torch.data.cache import entry_key
 from spmm_torch.data.codecs import openexr
 from spmm_torch.data.codecs.radiance import RgbeExpansion
-from spmm_torch.data.codes import Expansion, FloatExpansion, TableExpansion
+from spmm_torch.data.codes import DepthExpansion, Expansion, FloatExpansion, TableExpansion
 from spmm_torch.data.store import Loading
 from spmm_torch.data.transpose import CodeStore, Place, ViewSource, open_store
 from tests.planted.pictures import encode_atrium, encode_png, random_codes, write_pictures
 
 EXPANSIONS = {
     "uint8": TableExpansion.gamma(2.2),
+    "uint16": DepthExpansion(2.2),
     "rgbe": RgbeExpansion(),
     "float16": FloatExpansion(),
     "float32": FloatExpansion(),
@@ -31,6 +32,9 @@ WRITERS: dict[str, Callable[[Path], Path]] = {
     ),
     "png folder": lambda path: write_pictures(
         path / "a", random_codes("uint8", (4, 3, 5, 6)), encode_png, ".png"
+    ),
+    "16-bit png zip": lambda path: write_pictures(
+        path / "a.zip", random_codes("uint16", (4, 3, 5, 6)), encode_png, ".png"
     ),
     "atrium zip": lambda path: write_pictures(
         path / "a.zip", random_codes("rgbe", (4, 3, 5, 9)), encode_atrium, ".hdr"

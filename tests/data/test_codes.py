@@ -13,6 +13,7 @@ from torch import Tensor
 from spmm_torch.data import codes as module
 from spmm_torch.data.codecs.radiance import RgbeExpansion
 from spmm_torch.data.codes import (
+    DepthExpansion,
     Expansion,
     FileCodes,
     FloatExpansion,
@@ -114,9 +115,28 @@ def test_eight_bits_are_a_power(gamma: float) -> None:
     assert (values[0, 0], values[-1, -1]) == (0.0, 1.0)
 
 
-def test_values_do_not_depend_on_the_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    expand = TableExpansion.gamma(2.2)
-    codes = torch.from_numpy(np.random.default_rng(0).integers(0, 256, (9, 8, 3), dtype=np.uint8))
+@pytest.mark.parametrize("gamma", [1.0, 2.2, 0.5])
+def test_sixteen_bits_are_a_power(gamma: float) -> None:
+    codes = torch.from_numpy(np.arange(65536, dtype=np.uint16).reshape(4, -1))
+    expected = (np.arange(65536) / 65535.0) ** gamma
+    values = DepthExpansion(gamma)(codes)
+    np.testing.assert_allclose(values.flatten().numpy(), expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16", "float16", "float32"])
+def test_the_type_of_codes_tells_their_depth(kind: str) -> None:
+    """Codes of 8 and 16 bits are encoded, floats are not."""
+    codes = torch.from_numpy(random_codes(kind, (3, 5)))
+    white = 1.0 if codes.is_floating_point() else float(np.iinfo(kind).max)
+    exact = codes.double() / white
+    expected = exact if codes.is_floating_point() else exact**2.2
+    torch.testing.assert_close(DepthExpansion(2.2)(codes), expected.float())
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16"])
+def test_values_do_not_depend_on_the_blocks(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    expand = DepthExpansion(2.2)
+    codes = torch.from_numpy(random_codes(kind, (9, 8)))
     whole = expand(codes)
     monkeypatch.setattr(module, "LOOKUP_CHUNK", 7)
     assert torch.equal(expand(codes), whole)
@@ -137,6 +157,7 @@ def test_floats_stay_as_they_are(dtype: torch.dtype) -> None:
 def test_bounds(kind: str) -> None:
     expansions: dict[str, Expansion] = {
         "uint8": TableExpansion.gamma(2.2),
+        "uint16": DepthExpansion(2.2),
         "rgbe": RgbeExpansion(),
     }
     expand = expansions.get(kind, FloatExpansion())

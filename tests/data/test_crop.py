@@ -59,6 +59,17 @@ def test_zip(tmp_path: Path) -> None:
         assert all(name.startswith("NEW/MANYFILES/tv000_pv000/") for name in archive.namelist())
 
 
+def test_a_turned_jpeg_is_not_cut_as_if_it_were_upright(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 8
+    buffer = io.BytesIO()
+    Image.new("RGB", (32, 32)).save(buffer, "JPEG", exif=exif)
+    source = write_source(tmp_path / "old.zip", buffer.getvalue())
+    with pytest.raises(DataError, match="is turned by its EXIF tag"):
+        crop_ubo2003(source, 0, 0, 16, 16, tmp_path / "new.zip")
+    assert [file.name for file in tmp_path.iterdir()] == ["old.zip"]
+
+
 def test_bad_rectangles(tmp_path: Path) -> None:
     source = write_source(tmp_path / "old.zip", smooth_jpeg())
     for box in ((4, 0, 8, 8), (0, 0, 12, 8), (24, 0, 16, 8), (-8, 0, 8, 8), (0, 0, 0, 8)):

@@ -116,13 +116,17 @@ def test_half_floats_among_floats_are_widened(tmp_path: Path, values: np.ndarray
     assert torch.equal(load_btf(path).texels(), texel_major(values))
 
 
-def test_floats_among_half_floats_are_refused(tmp_path: Path, values: np.ndarray) -> None:
+@pytest.mark.parametrize("cached", [False, True])
+def test_floats_among_half_floats_widen_all(
+    tmp_path: Path, values: np.ndarray, cached: bool
+) -> None:
     changes = {(1, 1): openexr.encode(values[1, 1])}
     half = values.astype(np.float16)
-    btf = load_btf(write_pictures(tmp_path / "a.zip", half, openexr.encode, ".exr", changes))
-    with pytest.raises(DataError, match="has values of float32; expected float16") as error:
-        btf.texels()
-    assert "tl015 pl060 tv015 pv060.exr" in str(error.value)
+    path = write_pictures(tmp_path / "a.zip", half, openexr.encode, ".exr", changes)
+    expected = half.astype(np.float32)
+    expected[1, 1] = values[1, 1]
+    btf = load_btf(path).load(cache=tmp_path / "cache" if cached else None)
+    assert torch.equal(btf.texels(), texel_major(expected))
 
 
 KINDS = ("png", "Radiance", "OpenEXR")

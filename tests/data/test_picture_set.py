@@ -9,6 +9,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
 import torch
@@ -157,6 +158,27 @@ def test_gamma(tmp_path: Path, codes: np.ndarray, files: list) -> None:
             load_btf(path, gamma=gamma)
 
 
+def test_dark_linear_codes_of_16_bits_are_no_steps(tmp_path: Path) -> None:
+    deep = np.random.default_rng(5).integers(0, 500, (4, 5, 3), dtype=np.uint16)
+    files = [(bonn_name(0, 0, 0, 0, 0), imagecodecs.png_encode(deep))]
+    btf = load_btf(write_zip(tmp_path / "a.zip", files), gamma=1.0)
+    np.testing.assert_allclose(btf.picture(0, 0).numpy(), deep / 65535.0, rtol=1e-6)
+    assert btf.bytes_per_value == 2 and not btf.is_hdr
+
+
+def test_pictures_saved_turned_are_upright(tmp_path: Path, codes: np.ndarray) -> None:
+    """As cameras write them: half of the pictures turned, with the tag that says so."""
+    exif = Image.Exif()
+    exif[0x0112] = 6  # a quarter turn clockwise makes it upright
+    files = make_files(codes)
+    for place in range(0, len(files), 2):
+        turned = np.rot90(codes.reshape(-1, 4, 5, 3)[place])
+        files[place] = (files[place][0], encode(turned, exif=exif))
+    btf = load_btf(write_zip(tmp_path / "a.zip", files))
+    assert (btf.height, btf.width) == (4, 5)
+    torch.testing.assert_close(btf.texels(), linear(codes))
+
+
 def test_grey_becomes_rgb(tmp_path: Path, codes: np.ndarray, files: list) -> None:
     grey = codes[0, 0, :, :, 0]
     files[0] = (files[0][0], encode(grey))
@@ -201,8 +223,8 @@ def truncated_jpeg() -> bytes:
         (b"", "cannot be read"),
         (b"not a picture", "cannot identify"),
         (encode(np.zeros((4, 6, 3), np.uint8)), "is 6 x 4; expected 5 x 4"),
-        (encode(np.zeros((4, 5, 4), np.uint8)), "mode RGBA"),
-        (encode(np.zeros((4, 5), np.uint16)), "mode I;16"),
+        (encode(np.zeros((4, 5, 4), np.uint8)), "transparent in places"),
+        (encode(np.zeros((4, 5), np.uint16)), "has values of uint16; expected uint8"),
     ],
 )
 @pytest.mark.parametrize("write", [write_zip, write_folder])

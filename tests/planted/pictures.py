@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
-from PIL import Image
 
 from spmm_torch.data.codecs import radiance
 
@@ -22,9 +21,8 @@ def picture_name(view: int, light: int, suffix: str) -> str:
 
 
 def encode_png(codes: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray(codes).save(buffer, "PNG")
-    return buffer.getvalue()
+    """A PNG at the depth of the codes."""
+    return imagecodecs.png_encode(np.ascontiguousarray(codes))
 
 
 def encode_atrium(codes: np.ndarray) -> bytes:
@@ -61,8 +59,8 @@ def write_pictures(
 def random_codes(kind: str, shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
     """Codes `[*shape, B]` of a kind; of HDR kinds, values beyond 1."""
     rng = np.random.default_rng(seed)
-    if kind == "uint8":
-        return rng.integers(0, 256, (*shape, 3), dtype=np.uint8)
+    if kind in ("uint8", "uint16"):
+        return rng.integers(0, np.iinfo(kind).max + 1, (*shape, 3), dtype=kind)
     if kind == "rgbe":
         values = rng.gamma(1.0, 2.0, (*shape, 3))
         return radiance.float_to_rgbe(values)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 import torch
 from scipy import stats
 from torch import Tensor
@@ -128,13 +130,23 @@ def test_a_material_with_a_sampler_keeps_it() -> None:
     assert with_sampler(shiny) is shiny
 
 
+def tiff_of(picture: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    tifffile.imwrite(buffer, picture, photometric="rgb")
+    return buffer.getvalue()
+
+
 def test_files_are_read(tmp_path: Path) -> None:
     picture = spotted().numpy()
     codes = radiance.float_to_rgbe(picture)
     (tmp_path / "x.exr").write_bytes(openexr.encode(picture))
     (tmp_path / "x.hdr").write_bytes(radiance.encode(codes))
-    exr, hdr = (EnvironmentLight.read(tmp_path / name) for name in ("x.exr", "x.hdr"))
+    (tmp_path / "x.tif").write_bytes(tiff_of(picture))
+    exr, hdr, tif = (
+        EnvironmentLight.read(tmp_path / f"x.{name}") for name in ("exr", "hdr", "tif")
+    )
     assert np.array_equal(exr.picture.numpy(), picture)
+    assert np.array_equal(tif.picture.numpy(), picture)
     assert np.array_equal(hdr.picture.numpy(), radiance.rgbe_to_float(codes))
 
 
@@ -152,6 +164,7 @@ def test_studio_lights_from_the_front_and_above() -> None:
     ("content", "complaint"),
     [
         (b"not a picture", "neither OpenEXR nor Radiance"),
+        (tiff_of(np.ones((2, 4, 3), np.uint16)), "holds torch.uint16 codes of a display"),
         (b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4 +X 8\n", "x.exr cannot be read"),
         (openexr.encode(spotted().numpy())[:200], "x.exr cannot be read"),
         (openexr.encode(-spotted().numpy()), "holds negative radiance"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
 from PIL import Image
@@ -139,7 +140,7 @@ def write_print_colours(folder: Path) -> Path:
         (write_half, "cannot be read"),
         (write_coloured, "is coloured; expected one grey value"),
         (write_large_values, "has values from 0 to 7.5; expected 0 to 1"),
-        (write_print_colours, "has mode CMYK; expected grey"),
+        (write_print_colours, "mode CMYK instead of RGB or grey"),
     ],
 )
 def test_what_is_no_grey_map_is_refused(
@@ -149,9 +150,23 @@ def test_what_is_no_grey_map_is_refused(
         read_grey(make(tmp_path), "roughness")
 
 
-def test_16_bit_colour_is_no_albedo_to_misread(save: Save) -> None:
-    with pytest.raises(DataError, match="has mode I;16; expected 8-bit RGB"):
-        read_albedo(save("a.png", np.zeros((4, 4), np.uint16)), "albedo")
+def test_maps_of_16_bits_keep_what_8_bits_lose(tmp_path: Path) -> None:
+    codes = np.random.default_rng(0).integers(0, 250, (4, 5, 3), dtype=np.uint16)
+    (tmp_path / "a.png").write_bytes(imagecodecs.png_encode(codes))
+    np.testing.assert_allclose(
+        read_albedo(tmp_path / "a.png", "albedo"), codes / 65535 / 12.92, rtol=1e-5
+    )
+    codes[..., 2] = 65535
+    (tmp_path / "n.png").write_bytes(imagecodecs.png_encode(codes))
+    np.testing.assert_allclose(
+        read_normal(tmp_path / "n.png", "normal"), unit(codes / 32767.5 - 1.0), rtol=1e-6
+    )
+
+
+@pytest.mark.parametrize("read", [read_albedo, read_normal])
+def test_floats_are_neither_srgb_nor_coded_normals(save: Save, read: Callable) -> None:
+    with pytest.raises(DataError, match="holds linear values; expected codes of 8 or 16 bits"):
+        read(save("a.tif", np.zeros((4, 4), np.float32)), "map")
 
 
 @pytest.mark.parametrize("width", [8, 12, 16, 40])

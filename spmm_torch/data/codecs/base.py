@@ -32,8 +32,13 @@ class Codec(Protocol):
         """Whether a file that starts with these bytes has this format."""
         ...
 
-    def decode(self, payload: bytes) -> np.ndarray:
+    def decode(self, payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
         """Codes `[H, W, B]` of a file as it stores them, row 0 at the top.
+
+        Args:
+            payload: content of the file.
+            ignore_alpha: read what is transparent as if it were not, instead of refusing it;
+                without effect on formats that know no transparency.
 
         Raises:
             ValueError: the picture is malformed or truncated; the text says how.

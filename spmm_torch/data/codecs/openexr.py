@@ -1,7 +1,7 @@
 """OpenEXR pictures (.exr): half or single floats, kept bit for bit.
 
-Its channels are R, G and B, or Y alone for grey, of the first part; other channels and the display
-window are ignored. The OpenEXR library reads and writes it in memory.
+`exr_layers.py` finds the channels of the colour. X, Y and Z become linear sRGB, Y alone is grey;
+other channels and the display window are ignored. The OpenEXR library reads and writes in memory.
 """
 
 from __future__ import annotations
@@ -13,19 +13,21 @@ import numpy as np
 import OpenEXR
 
 from ..codes import Expansion, FloatExpansion
+from .exr_layers import Layer, find_layer
 
 TITLE = "OpenEXR"
 SUFFIXES = (".exr",)
 HDR = True
 MAGIC = b"\x76\x2f\x31\x01"
-COLOR = ("R", "G", "B")
-LUMINANCE = "Y"
-CHROMA = ("RY", "BY")
 FLOAT_TYPES = (np.dtype(np.float16), np.dtype(np.float32))
 MAX_PIXELS = 1 << 28
 # The library allocates memory by the header, before it reads pixels. Deflate expands a byte to at
 # most 1032 bytes, and a wavelet of a uniform picture expands it hardly more.
 MAX_PIXELS_PER_BYTE = 1 << 12
+# From XYZ, of which the white D65 has Y = 1, to linear sRGB [IEC 61966-2-1].
+SRGB_OF_XYZ = np.array(
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)
 
 
 def accepts(head: bytes) -> bool:
@@ -34,32 +36,27 @@ def accepts(head: bytes) -> bool:
 
 
 def read_size(payload: bytes) -> tuple[int, int]:
-    """The (height, width) of the data window, from the header.
+    """The (height, width) of the data window of the colour, from the header.
 
     Raises:
-        ValueError: the header is malformed.
+        ValueError: the header is malformed, or has no colour channels.
     """
-    first, last = _open(payload, header_only=True).header()["dataWindow"]
-    width, height = (int(b) - int(a) + 1 for a, b in zip(first, last, strict=True))
-    if height < 1 or width < 1 or height * width > MAX_PIXELS:
-        raise ValueError(f"its size is {width} x {height}; expected 1 to {MAX_PIXELS} pixels")
-    return height, width
+    return _read_header(payload)[1]
 
 
-def decode(payload: bytes) -> np.ndarray:
+def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
     """Values `[H, W, 3]` of a picture, float16 if all its channels are HALF, else float32.
 
     Raises:
-        ValueError: the picture is malformed or truncated, or has no colour channels of floats.
+        ValueError: the picture is malformed or truncated, or has no colour channels of floats, or
+            several of them.
     """
-    size = read_size(payload)
-    if size[0] * size[1] > len(payload) * MAX_PIXELS_PER_BYTE:
-        raise ValueError(f"it is truncated: {len(payload)} bytes cannot hold {size[1]} x {size[0]}")
-    channels = _open(payload, separate_channels=True).channels()
-    names = _color_names(channels)
-    planes = [_plane(channels[name], name, size) for name in names]
+    layer, size = _read_header(payload)
+    channels = _open(payload, separate_channels=True).parts[layer.part].channels
+    planes = [_plane(channels[name], name, size) for name in layer.channels]
     # Planes of float16 and float32 are stacked to float32.
-    return np.stack(planes if len(planes) == 3 else planes * 3, axis=-1)
+    picture = np.stack(planes if len(planes) == 3 else planes * 3, axis=-1)
+    return _srgb_of_xyz(picture) if layer.is_xyz else picture
 
 
 def expansion(gamma: float) -> Expansion:
@@ -97,14 +94,29 @@ def _open(payload: bytes, **options: bool) -> OpenEXR.File:
     return file
 
 
-def _color_names(channels: dict[str, Any]) -> tuple[str, ...]:
-    """The names of the channels that hold the colour."""
-    if all(name in channels for name in COLOR):
-        return COLOR
-    if LUMINANCE in channels and not any(name in channels for name in CHROMA):
-        return (LUMINANCE,)
-    found = ", ".join(sorted(channels)) or "none"
-    raise ValueError(f"its channels are {found}; expected R, G and B, or Y alone")
+def _read_header(payload: bytes) -> tuple[Layer, tuple[int, int]]:
+    """The channels of the colour, and the (height, width) of their data window."""
+    headers = [part.header for part in _open(payload, header_only=True).parts]
+    sizes = [_checked_size(header, len(payload)) for header in headers]
+    layer = find_layer(headers)
+    return layer, sizes[layer.part]
+
+
+def _checked_size(header: dict[str, Any], byte_count: int) -> tuple[int, int]:
+    """The (height, width) of the data window of a part, which so many bytes can hold."""
+    first, last = header["dataWindow"]
+    width, height = (int(b) - int(a) + 1 for a, b in zip(first, last, strict=True))
+    if height < 1 or width < 1 or height * width > MAX_PIXELS:
+        raise ValueError(f"its size is {width} x {height}; expected 1 to {MAX_PIXELS} pixels")
+    if height * width > byte_count * MAX_PIXELS_PER_BYTE:
+        raise ValueError(f"it is truncated: {byte_count} bytes cannot hold {width} x {height}")
+    return height, width
+
+
+def _srgb_of_xyz(picture: np.ndarray) -> np.ndarray:
+    """Linear sRGB `[H, W, 3]` of XYZ, in the same type; colours beyond sRGB become negative."""
+    rgb = picture.astype(np.float64) @ SRGB_OF_XYZ.T
+    return rgb.astype(picture.dtype)
 
 
 def _plane(channel: OpenEXR.Channel, name: str, size: tuple[int, int]) -> np.ndarray:

@@ -1,21 +1,36 @@
-"""8-bit pictures such as JPEG and PNG, decoded by Pillow."""
+"""Pictures of 8 bits such as JPEG and PNG, decoded by Pillow, and PNG and PPM of 16 bits.
+
+Pillow cuts 16 bits to 8 where there is more than grey, so imagecodecs reads such PNG. Pictures are
+turned as their EXIF orientation says. Colour profiles are ignored.
+"""
 
 from __future__ import annotations
 
 import io
 
+import imagecodecs
 import numpy as np
 from PIL import Image
 
-from ..codes import Expansion, TableExpansion
+from ..codes import DepthExpansion, Expansion
+from .arrangement import ORIENTATION_TAG, rgb_of, upright
+from .netpbm import decode_deep, is_deep
 
 TITLE = "JPEG, PNG"
-SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".ppm")
+SUFFIXES = (
+    *(".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp"),
+    *(".bmp", ".ppm", ".pgm", ".pnm", ".tga"),
+)
 HDR = False
-# Modes of Pillow: RGB, and grey, which becomes RGB; others are no reflectance.
-MODES = frozenset({"RGB", "L"})
+# Names that Pillow has for formats; TGA is last, as it has no magic number.
+FORMATS = ("JPEG", "PNG", "BMP", "PPM", "WEBP", "TGA")
+# Formats of which a file may hold several pictures, none of them the main one.
+ANIMATED = ("PNG", "WEBP", "TIFF")
+# Modes of Pillow that are grey or RGB of 8 bits; others are no reflectance, or have more bits.
+MODES = frozenset({"1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX"})
 # Largest number of pixels that a byte can code in any format; a header may lie.
 MAX_PIXELS_PER_BYTE = 4096
+PNG_DEPTH = 24  # position of the bit depth in a PNG
 
 
 def accepts(head: bytes) -> bool:
@@ -23,30 +38,71 @@ def accepts(head: bytes) -> bool:
     return True
 
 
-def decode(payload: bytes) -> np.ndarray:
-    """Codes `[H, W, 3]` uint8, encoded with a gamma.
+def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
+    """Codes `[H, W, 3]` of uint8, or uint16 of deeper pictures, encoded with a gamma.
 
     Raises:
         OSError: the picture is truncated or of no known format.
-        ValueError: the picture is neither RGB nor grey, or has more than 8 bits.
+        ValueError: the picture is neither RGB nor grey, transparent, or one of several in the file.
     """
-    with _opened(payload) as image:
-        if image.mode not in MODES:
-            raise ValueError(f"mode {image.mode} instead of 8-bit RGB or grey: convert it to RGB")
-        image.load()  # raises here if the file is truncated
-        return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
+    return decode_as(payload, FORMATS, ignore_alpha)
+
+
+def decode_as(payload: bytes, formats: tuple[str, ...], ignore_alpha: bool) -> np.ndarray:
+    """Codes `[H, W, 3]` of a picture of some of Pillow's formats; see `decode`.
+
+    Raises:
+        OSError: the picture is truncated or of another format.
+        ValueError: the picture is neither RGB nor grey, transparent, or one of several in the file.
+    """
+    with _opened(payload, formats) as image:
+        if image.format == "PPM" and is_deep(payload):
+            codes = rgb_of(decode_deep(payload))
+        elif image.format == "PNG" and payload[PNG_DEPTH] > 8:
+            codes = rgb_of(_decode_deep_png(image, payload), ignore_alpha)
+        else:
+            codes = _eight_bits(image, ignore_alpha)
+        return upright(codes, image.getexif().get(ORIENTATION_TAG))
 
 
 def expansion(gamma: float) -> Expansion:
     """The expansion of codes that were encoded with a display gamma."""
-    return TableExpansion.gamma(gamma)
+    return DepthExpansion(gamma)
 
 
-def _opened(payload: bytes) -> Image.Image:
+def _opened(payload: bytes, formats: tuple[str, ...]) -> Image.Image:
     """The picture, whose pixels are not decoded yet."""
-    image = Image.open(io.BytesIO(payload))
+    try:
+        image = Image.open(io.BytesIO(payload), formats=formats)
+    except Image.UnidentifiedImageError:
+        raise ValueError(f"cannot identify its format; expected {', '.join(formats)}") from None
     if image.width * image.height > MAX_PIXELS_PER_BYTE * len(payload):
         raise ValueError(
             f"{image.width} x {image.height} pixels cannot come from {len(payload)} bytes"
         )
+    if image.format in ANIMATED and getattr(image, "n_frames", 1) > 1:
+        raise ValueError("it holds several pictures; expected one: save the right one alone")
     return image
+
+
+def _eight_bits(image: Image.Image, ignore_alpha: bool) -> np.ndarray:
+    """Codes `[H, W, 3]` uint8 of a picture."""
+    if image.mode not in MODES:
+        raise ValueError(f"mode {image.mode} instead of RGB or grey: convert it to RGB")
+    image.load()  # raises here if the file is truncated
+    if image.mode == "RGB" and "transparency" not in image.info:
+        return np.asarray(image)
+    if image.has_transparency_data:
+        return rgb_of(np.asarray(image.convert("RGBA")), ignore_alpha)
+    return np.asarray(image.convert("RGB"))
+
+
+def _decode_deep_png(image: Image.Image, payload: bytes) -> np.ndarray:
+    """Codes `[H, W, B]` uint16 of a PNG of 16 bits."""
+    if "transparency" in image.info:
+        raise ValueError("one of its colours is transparent; save it without transparency")
+    try:
+        codes = imagecodecs.png_decode(payload)
+    except imagecodecs.PngError as error:
+        raise ValueError(f"it is truncated or damaged: {error}") from error
+    return codes.reshape(image.height, image.width, -1)

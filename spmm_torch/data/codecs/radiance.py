@@ -82,7 +82,7 @@ def accepts(head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
-def decode(payload: bytes) -> np.ndarray:
+def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
     """The codes `[H, W, 4]` uint8 of a picture, row 0 at the top.
 
     Raises:

@@ -2,7 +2,8 @@
 
 The current encoding stores each scanline channel by channel. A byte n of at most 128 precedes n
 literal bytes; a byte n above 128 repeats the next byte n - 128 times. The old encoding stores whole
-pixels, where (1, 1, 1, n) repeats the pixel before n times. Files without runs are read as old.
+pixels, where (1, 1, 1, n) repeats the pixel before n times. Scanlines without runs are read as old.
+Writers may choose anew for each scanline.
 
 Source: `color.c` of Radiance.
 """
@@ -24,6 +25,9 @@ MIN_RUN = 4  # shorter runs take as many bytes as literals
 # In the old encoding the pixel (1, 1, 1, n) is a run; a second one right after it counts 256 n.
 OLD_RUN_MARK = 1
 MAX_OLD_SHIFT = 24
+# Most pixels and runs that an old scanline is made of, for each of its pixels: one and the three
+# runs of length 0 that may stand before the byte of a run that counts.
+MAX_PIECES = 4
 
 
 def decode_scanlines(data: bytes, height: int, width: int) -> np.ndarray:
@@ -32,9 +36,9 @@ def decode_scanlines(data: bytes, height: int, width: int) -> np.ndarray:
     Raises:
         ValueError: the data end early, or a run crosses the end of its scanline.
     """
-    if _may_hold_planes(width) and data.startswith(PLANES_MARK) and data[2:3] <= MAX_WIDTH_BYTE:
-        return _decode_planes(data, height, width)
-    return _decode_pixels(data, height, width)
+    if _may_hold_planes(width) and (_is_encoded(data, 0) or _mark(width) in data):
+        return _decode_rows(data, height, width)
+    return _decode_pixels(data, height, width)[0]
 
 
 def encode_scanlines(codes: np.ndarray) -> bytes:
@@ -65,31 +69,69 @@ def _mark(width: int) -> bytes:
     return PLANES_MARK + width.to_bytes(2, "big")
 
 
-def _decode_planes(data: bytes, height: int, width: int) -> np.ndarray:
-    """Codes `[H, W, 4]` of scanlines in the current encoding, channel by channel."""
+def _is_encoded(data: bytes, position: int) -> bool:
+    """Whether a scanline that starts here looks like one of the current encoding."""
+    start = data[position : position + len(PLANES_MARK) + 1]
+    return start.startswith(PLANES_MARK) and start[-1:] <= MAX_WIDTH_BYTE
+
+
+def _decode_rows(data: bytes, height: int, width: int) -> np.ndarray:
+    """Codes `[H, W, 4]` of scanlines, each of which has its own encoding."""
     mark = _mark(width)
-    shortest = len(mark) + 4 * 2 * math.ceil(width / MAX_RUN)
-    if len(data) < height * shortest:
+    if len(data) < height * _fewest_bytes(width):
         raise ValueError(f"it is truncated: {len(data)} bytes cannot hold {width} x {height}")
     pieces: list[bytes] = []
-    position = 0
+    position, encoded = 0, False
     for row in range(height):
-        if data[position : position + len(mark)] != mark:
+        if data.startswith(mark, position):
+            encoded = True
+            position = _append_row(pieces, data, position + len(mark), width, row)
+        elif _is_encoded(data, position) and (encoded or row == 0):
             raise ValueError(f"scanline {row} does not start with its width")
-        position += len(mark)
-        try:
-            for _ in range(4):
-                position = _append_plane(pieces, data, position, width)
-        except IndexError:
-            raise ValueError(f"it is truncated in scanline {row}") from None
-    flat = np.frombuffer(b"".join(pieces), dtype=np.uint8)
+        else:
+            try:
+                position = _append_pixels(pieces, data, position, width)
+            except ValueError as error:
+                if not encoded:  # runs cross the ends of scanlines, and the mark is a pixel
+                    break
+                raise ValueError(f"scanline {row}: {error}") from None
+    if not encoded:
+        return _decode_pixels(data, height, width)[0]
+    return _interleaved(b"".join(pieces), height, width)
+
+
+def _fewest_bytes(width: int) -> int:
+    """The fewest bytes of a scanline in either encoding."""
+    return min(4 + 4 * 2 * math.ceil(width / MAX_RUN), 4 * 2)
+
+
+def _interleaved(planes: bytes, height: int, width: int) -> np.ndarray:
+    """Codes `[H, W, 4]` of scanlines that were stored channel by channel."""
+    flat = np.frombuffer(planes, dtype=np.uint8)
     if flat.size != height * width * 4:
         raise ValueError("it is truncated in its last scanline")
-    planes = flat.reshape(height, 4, width)
+    stored = flat.reshape(height, 4, width)
     codes = np.empty((height, width, 4), dtype=np.uint8)
     for channel in range(4):  # faster than one transposed copy
-        codes[..., channel] = planes[:, channel]
+        codes[..., channel] = stored[:, channel]
     return codes
+
+
+def _append_row(pieces: list[bytes], data: bytes, position: int, width: int, row: int) -> int:
+    """Appends the four channels of an encoded scanline; returns the position of the next."""
+    try:
+        for _ in range(4):
+            position = _append_plane(pieces, data, position, width)
+    except IndexError:
+        raise ValueError(f"it is truncated in scanline {row}") from None
+    return position
+
+
+def _append_pixels(pieces: list[bytes], data: bytes, position: int, width: int) -> int:
+    """Appends the channels of one scanline of whole pixels; returns the position of the next."""
+    codes, used = _decode_pixels(data[position : position + 4 * MAX_PIECES * width], 1, width)
+    pieces.append(codes[0].T.tobytes())
+    return position + used
 
 
 def _append_plane(pieces: list[bytes], data: bytes, position: int, width: int) -> int:
@@ -118,8 +160,8 @@ def _append_plane(pieces: list[bytes], data: bytes, position: int, width: int) -
     return position
 
 
-def _decode_pixels(data: bytes, height: int, width: int) -> np.ndarray:
-    """Codes `[H, W, 4]` of whole pixels and runs of them, in the old encoding."""
+def _decode_pixels(data: bytes, height: int, width: int) -> tuple[np.ndarray, int]:
+    """Codes `[H, W, 4]` of whole pixels and runs of them, and the number of bytes they take."""
     whole = len(data) // 4 * 4
     pixels = np.frombuffer(data[:whole], dtype=np.uint8).reshape(-1, 4)  # [N, 4]
     index = np.arange(len(pixels))
@@ -135,7 +177,7 @@ def _decode_pixels(data: bytes, height: int, width: int) -> np.ndarray:
     if filled[last] != needed or source[0] < 0 or shift[: last + 1].max() > MAX_OLD_SHIFT:
         raise ValueError("a run has no pixel before it, or crosses the end of the picture")
     chosen = np.repeat(source[: last + 1], count[: last + 1])  # [H * W]
-    return pixels[chosen].reshape(height, width, 4)
+    return pixels[chosen].reshape(height, width, 4), 4 * (last + 1)
 
 
 def _encode_plane(plane: np.ndarray) -> bytes:

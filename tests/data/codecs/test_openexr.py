@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from skimage.color import rgb2xyz
 
 from spmm_torch.data.codecs import openexr
 from spmm_torch.data.codecs.openexr import decode, encode, read_size
@@ -83,12 +84,73 @@ def test_grey() -> None:
     np.testing.assert_array_equal(found, np.repeat(grey[..., None], 3, axis=-1))
 
 
+def parts_bytes(*parts: tuple[str, dict[str, np.ndarray]]) -> bytes:
+    """A file of several named parts."""
+    corner = (np.array([0, 0], np.int32), np.array([99, 99], np.int32))
+    header = {"type": OpenEXR.scanlineimage, "displayWindow": corner}
+    buffer = io.BytesIO()
+    OpenEXR.File([OpenEXR.Part(dict(header), dict(one), name) for name, one in parts]).write(buffer)
+    return buffer.getvalue()
+
+
+COLOUR = np.random.default_rng(3).random((4, 5, 3)).astype(np.float16)
+OTHER = np.ones((4, 5), np.float32)
+
+
+def channels(names: str, prefix: str = "", picture: np.ndarray = COLOUR) -> dict[str, np.ndarray]:
+    return {prefix + name: picture[..., i].copy() for i, name in enumerate(names)}
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        library_bytes(channels("rgb")),
+        library_bytes(channels("RGB") | channels("rgb", picture=COLOUR / 2)),
+        library_bytes(channels("RGB") | channels("RGB", "ViewLayer.Combined.", COLOUR / 2)),
+        library_bytes(channels("RGB", "ViewLayer.Combined.") | {"ViewLayer.Depth.Z": OTHER}),
+        library_bytes(channels("RGB", "a.Combined.") | channels("RGB", "a.Diffuse.", COLOUR / 2)),
+        library_bytes(channels("RGB", "beauty.") | channels("XYZ", "normal.", COLOUR / 2)),
+        library_bytes(channels("RGB") | channels("XYZ", picture=COLOUR / 2)),
+        parts_bytes(("depth", {"Z": OTHER[:3]}), ("beauty", channels("RGB"))),
+        parts_bytes(("grey", {"Y": OTHER}), ("beauty", channels("RGB", "layer."))),
+        parts_bytes(("a", channels("RGB")), ("b", channels("RGB", picture=COLOUR / 2))),
+    ],
+    ids=["lower", "both", "bare", "layer", "combined", "normals", "xyz", "part", "grey", "first"],
+)
+def test_the_colour_is_found(payload: bytes) -> None:
+    found = decode(payload)
+    assert found.dtype == np.float16 and read_size(payload) == (4, 5)
+    np.testing.assert_array_equal(found, COLOUR)
+
+
+def test_of_several_colours_none_is_guessed() -> None:
+    layers = channels("RGB", "diffuse.") | channels("RGB", "glossy.")
+    with pytest.raises(ValueError, match="layers diffuse, glossy all hold a colour; expected one"):
+        decode(library_bytes(layers))
+    parts = parts_bytes(*((name, channels("RGB", "x.")) for name in ("left", "right")))
+    with pytest.raises(ValueError, match=r"layers left\.x, right\.x all hold a colour"):
+        decode(parts)
+
+
+def test_xyz_becomes_linear_srgb() -> None:
+    rgb = np.random.default_rng(4).random((4, 5, 3))
+    xyz = rgb2xyz(np.where(rgb <= 0.0031308, rgb * 12.92, 1.055 * rgb ** (1 / 2.4) - 0.055))
+    for dtype, error in ((np.float32, 3e-4), (np.float16, 3e-3)):
+        found = decode(library_bytes(channels("XYZ", picture=xyz.astype(dtype))))
+        assert found.dtype == dtype
+        np.testing.assert_allclose(found, rgb, atol=error)
+    saturated = np.broadcast_to([0.0, 0.5, 0.0], (4, 5, 3)).astype(np.float32)
+    assert (decode(library_bytes(channels("XYZ", picture=saturated)))[..., 0] < 0).all()
+
+
 def test_channels_that_are_no_colour() -> None:
     plane = NOISE[..., 0].copy()
     for channels, message in (
         ({"Z": plane}, "channels are Z; expected R, G and B"),
         ({"R": plane, "G": plane}, "channels are G, R; expected"),
         ({"Y": plane, "RY": plane, "BY": plane}, "channels are BY, RY, Y; expected"),
+        ({"X": plane, "Y": plane}, "channels are X, Y; expected"),
+        ({"n.X": plane, "n.Y": plane, "n.Z": plane}, "channels are n.X, n.Y, n.Z; expected"),
         ({name: plane.astype(np.uint32) for name in "RGB"}, "channel R holds no floats"),
     ):
         with pytest.raises(ValueError, match=message):

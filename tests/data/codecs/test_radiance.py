@@ -132,6 +132,32 @@ def test_old_encoding_and_flat(codes: np.ndarray, repeats: int) -> None:
     np.testing.assert_array_equal(decode(header(size) + codes.tobytes()), codes)
 
 
+@given(PICTURES, st.data())
+def test_each_scanline_may_have_its_own_encoding(codes: np.ndarray, data: st.DataObject) -> None:
+    """As Radiance's own reader decides anew for each: flat, old runs, or today's."""
+    codes = np.tile(np.where(codes == 1, np.uint8(7), codes), (1, 8, 1))
+    codes[:, 0] = (9, 8, 7, 130)  # else a flat scanline may look like one of today's encoding
+    rng = np.random.default_rng(0)
+    encoders = [lambda row: row.tobytes(), old_encode, lambda row: naive_encode(row, rng)]
+    kinds = data.draw(st.lists(st.integers(0, 2), min_size=len(codes), max_size=len(codes)))
+    rows = [encoders[kind](row[None]) for kind, row in zip(kinds, codes, strict=True)]
+    np.testing.assert_array_equal(decode(header(codes.shape[:2]) + b"".join(rows)), codes)
+
+
+@pytest.mark.parametrize("flat", [[0], [1], [0, 2, 4], [4]], ids=str)
+def test_every_truncation_of_mixed_scanlines_is_told(flat: list[int]) -> None:
+    start = header((5, 40))
+    rows = [
+        row.tobytes() if number in flat else encode(row[None]).partition(b"+X 40\n")[2]
+        for number, row in enumerate(NOISE)
+    ]
+    payload = start + b"".join(rows)
+    np.testing.assert_array_equal(decode(payload), NOISE)
+    for length in range(len(start), len(payload)):
+        with pytest.raises(ValueError, match="truncated|scanline"):
+            decode(payload[:length])
+
+
 @pytest.mark.parametrize("width", [3, 7, 40_000])
 def test_widths_without_runs(width: int) -> None:
     codes = np.random.default_rng(1).integers(2, 256, (2, width, 4), dtype=np.uint8)

@@ -33,6 +33,38 @@ def test_rectangle(model: SPMM) -> None:
     assert float(mask.sum()) == 12.0
 
 
+@pytest.mark.parametrize(
+    ("codes", "suffix", "expected"),
+    [
+        (np.full((8, 8), 32768, np.uint16), ".png", 32768 / 65535),
+        (np.full((8, 8), 32768, np.uint16), ".tif", 32768 / 65535),
+        (np.full((8, 8), 0.5, np.float32), ".tif", 0.5),
+    ],
+    ids=["16-bit png", "16-bit tiff", "float tiff"],
+)
+def test_pictures_of_more_than_8_bits(
+    model: SPMM, tmp_path: Path, codes: np.ndarray, suffix: str, expected: float
+) -> None:
+    Image.fromarray(codes).save(tmp_path / f"mask{suffix}")
+    where = picture_selection(model, tmp_path / f"mask{suffix}").texels
+    torch.testing.assert_close(where, torch.full_like(where, expected))
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (np.full((8, 8), 1, np.int32), "32-bit int32 numbers, whose white is not known"),
+        (np.full((8, 8), 255.0, np.float32), "has values from 255 to 255; expected 0 to 1"),
+    ],
+)
+def test_pictures_whose_white_is_not_known(
+    model: SPMM, tmp_path: Path, picture: np.ndarray, message: str
+) -> None:
+    Image.fromarray(picture).save(tmp_path / "mask.tif")
+    with pytest.raises(DataError, match=message):
+        picture_selection(model, tmp_path / "mask.tif")
+
+
 @pytest.mark.parametrize("place", [(6, 0, 3, 1), (0, 8, 1, 1), (-1, 0, 2, 2)])
 def test_rectangle_outside(model: SPMM, place: tuple[int, int, int, int]) -> None:
     with pytest.raises(ConfigError, match="reaches out of the texture; expected columns 0 to 7"):
@@ -54,6 +86,9 @@ def test_picture(model: SPMM, tmp_path: Path) -> None:
     Image.fromarray(codes).save(tmp_path / "mask.png")
     where = picture_selection(model, tmp_path / "mask.png")
     torch.testing.assert_close(where.texels, torch.from_numpy(codes.flatten() / 255.0).float())
+    white = np.full((8, 8, 3), 255, np.uint8)
+    Image.fromarray(white).save(tmp_path / "white.png")
+    assert (picture_selection(model, tmp_path / "white.png").texels == 1.0).all()
     Image.fromarray(codes[:, :5]).save(tmp_path / "narrow.png")
     with pytest.raises(ConfigError, match="the mask has 5 x 8 texels, the texture 8 x 8"):
         picture_selection(model, tmp_path / "narrow.png")
