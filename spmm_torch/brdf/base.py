@@ -45,6 +45,11 @@ class Parameter:
     meaning: str
     from_width: Callable[[float], float] | None = None
 
+    @property
+    def narrow_is_low(self) -> bool:
+        """Whether small values make lobes narrow, of a parameter that sets the width."""
+        return self.from_width is not None and self.from_width(2.0) > self.from_width(1.0)
+
     def to_unit(self, value: Tensor) -> Tensor:
         """Values `[...]` of 0 to 1 from those of low to high, on the scale of the parameter."""
         if self.scale == "log":

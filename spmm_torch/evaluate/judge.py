@@ -24,11 +24,12 @@ from .spheres import compare_spheres
 from .sums import SquaredErrors, squared_errors
 from .worst import worst_pairs, worst_texels
 
+# Difference of relative errors (root mean square) that float32 makes: sums have another order, and
+# narrow lobes magnify the rounding of directions.
+ROUNDING = 2e-6
 ALL_FITTED = (
     "The run was fitted to every direction of its input; fit it with --directions to hold some out."
 )
-# Decibels from which an error is nothing but the rounding of float32 values.
-ROUNDING_DB = 120.0
 
 
 @dataclass(frozen=True)
@@ -160,17 +161,23 @@ def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, flo
 def report_difference(figures: dict[str, Any], report: dict[str, Any]) -> float | None:
     """The largest difference in decibels from the figures that the fit reported.
 
-    Infinite figures are null in the report and are left out, as are those that are rounding in
-    both; None if all are.
+    Infinite figures are null in the report and are left out; None if all are. Errors so small that
+    float32 values tell them no better do not differ.
     """
     reported = {group: report.get(group) or {} for group in ("psnr_db", "snr_db")}
     differences = [
-        abs(value - reported[group][name])
+        _beyond_rounding(value, reported[group][name])
         for group in reported
         for name, value in figures[group].items()
-        if reported[group].get(name) is not None and min(value, reported[group][name]) < ROUNDING_DB
+        if reported[group].get(name) is not None
     ]
     return max(differences, default=None)
+
+
+def _beyond_rounding(found: float, reported: float) -> float:
+    """Difference in decibels of two ratios; 0 where rounding of the values makes it."""
+    first, second = (10.0 ** (-0.05 * ratio) for ratio in (found, reported))
+    return 0.0 if abs(first - second) < ROUNDING else abs(found - reported)
 
 
 def _table(btf: BTF, errors: SquaredErrors, pairs: Tensor) -> AngleTable:

@@ -10,6 +10,7 @@ from ..data.cache import default_folder
 from ..data.error_weights import Weights
 from ..runs.fingerprint import fingerprint, key_of
 from ..runtime.context import Context
+from .glossy.objective import Objective
 from .plan import estimate
 from .problem import Problem
 from .weighting import compressive_weights, given_weights
@@ -43,5 +44,8 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
         btf.load(stage.to, memory=budget.spare, cache=cache)
     kept = plan.kept_bytes(budget, cached)
     context = replace(context, budget=replace(budget, kept=kept), cache=cache)
-    compressive = compressive_weights(btf, config.weights.error, context.device, context.ranks)
-    return Problem.build(btf, weights.times(compressive), config, context)
+    objective = Objective.of(btf, config, context.device)
+    if told := objective.describe():
+        context.progress.say(told)
+    compressive = compressive_weights(btf, objective, context.device, context.ranks)
+    return Problem.build(btf, weights.times(compressive), config, context, objective)

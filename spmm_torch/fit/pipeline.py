@@ -13,7 +13,11 @@ from ..data.error_weights import Weights
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
 from ..report.contract import Report
-from ..report.summary import summarize, warning_of_failed_starts
+from ..report.summary import (
+    summarize,
+    warning_of_failed_starts,
+    warning_of_narrow_lobes,
+)
 from ..runtime.context import Context
 from ..runtime.device import full_precision
 from ..solvers.status import StatusCounts
@@ -93,12 +97,16 @@ def fit(
         pictures = _pictures(model, btf, context) if render and btf.names is None else None
     if warning := warning_of_failed_starts(found.starts):
         context.progress.say(warning)
+    objective = problem.objective.figures(model)
+    if guess := warning_of_narrow_lobes(objective):
+        context.progress.say(guess)
     figures = summarize(
         btf,
         model,
         context,
         totals=refit.totals,
         weighted=refit.weighted,
+        objective=objective,
         starts=found.starts,
         solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits, refit)),
         ablation=ablation,

@@ -16,6 +16,7 @@ from ..geometry.relief import HeightField
 from ..lobes.grid import DirectionGrid
 from ..model.relief import Relief
 from ..runtime.context import Context
+from .glossy.objective import PLAIN, Objective
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class Problem:
         config: the settings.
         context: of the run.
         pictures: the values as they were measured; the same where the surface is flat.
+        objective: what is minimized.
         relief: of the surface that they show; None: it is flat.
     """
 
@@ -36,12 +38,20 @@ class Problem:
     config: FitConfig
     context: Context
     pictures: BTF
+    objective: Objective = PLAIN
     relief: Relief | None = None
 
     @classmethod
-    def build(cls, btf: BTF, weights: Weights, config: FitConfig, context: Context) -> Problem:
+    def build(
+        cls,
+        btf: BTF,
+        weights: Weights,
+        config: FitConfig,
+        context: Context,
+        objective: Objective = PLAIN,
+    ) -> Problem:
         """The problem of a flat surface."""
-        return cls(btf, weights, config, context, btf)
+        return cls(btf, weights, config, context, btf, objective)
 
     def through(self, relief: Relief) -> Problem:
         """The problem of pictures that show a relief."""

@@ -7,6 +7,7 @@ lobe.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -73,6 +74,16 @@ class LobeBatch:
         """The lobes of several batches, one batch after another, that end as those of the first."""
         columns = zip(*(batch._parts() for batch in batches), strict=True)
         return batches[0]._with(torch.cat(column) for column in columns)
+
+    def narrowed(self, factor: Tensor) -> LobeBatch:
+        """The same lobes with widths times `factor [J]`."""
+        kappa = self.kappa.clone()
+        for index, rows in self.by_model():
+            for column, row in enumerate(REGISTRY[index].parameters):
+                if row.from_width is not None:
+                    power = math.log2(row.from_width(2.0) / row.from_width(1.0))
+                    kappa[rows, column] *= factor[rows] ** power
+        return replace(self, kappa=kappa)
 
     def by_model(self) -> Iterator[tuple[int, Tensor]]:
         """Every model in use: (index into `MODEL_NAMES`, ascending indices `[N]` of its lobes)."""
@@ -229,10 +240,13 @@ class Feasible:
 
     Attributes:
         low, high: bounds of the parameters on [0, 1], `[len(MODEL_NAMES), MAX_PARAMETERS]`.
+        gap: ends of an interval that parameters leave out, `[2, len(MODEL_NAMES), MAX_PARAMETERS]`;
+            None: there is none.
     """
 
     low: Tensor
     high: Tensor
+    gap: Tensor | None = None
 
     @classmethod
     def build(cls, min_width: float) -> Feasible:
@@ -248,13 +262,32 @@ class Feasible:
                 if row.from_width is not None and min_width > 0.0:
                     limit = min(max(row.from_width(min_width), row.low), row.high)
                     unit = float(row.to_unit(torch.tensor(limit)))
-                    narrow_end = row.from_width(2.0 * min_width) > row.from_width(min_width)
-                    (low if narrow_end else high)[index, column] = unit
+                    (low if row.narrow_is_low else high)[index, column] = unit
         return cls(low, high)
+
+    def or_as_narrow_as(self, width: float) -> Feasible:
+        """These bounds, and lobes exactly `width` wide, which may be narrower than parameters go.
+
+        For peaks that no sample resolves: any width between would be as good to the samples.
+        """
+        low, high = self.low.clone(), self.high.clone()
+        for index, brdf in enumerate(REGISTRY):
+            for column, row in enumerate(brdf.parameters):
+                if row.from_width is not None:
+                    unit = float(row.to_unit(torch.tensor(row.from_width(width))))
+                    (low if row.narrow_is_low else high)[index, column] = unit
+        of_high = high > self.high
+        start = torch.where(of_high, self.high, low)
+        end = torch.where(of_high, high, self.low)
+        return Feasible(low, high, torch.stack((start, end)))
 
     def project(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """The nearest feasible coordinates `[J, COORDINATES]` of lobes of `model [J]`."""
         low = self.low.to(coordinates)[model]
         high = self.high.to(coordinates)[model]
         unit = torch.minimum(torch.maximum(coordinates[:, 3:], low), high)
+        if self.gap is not None:
+            start, end = self.gap.to(coordinates)[:, model]
+            nearest = torch.where(unit - start < end - unit, start, end)
+            unit = torch.where((unit > start) & (unit < end), nearest, unit)
         return torch.cat((project_disk(coordinates[:, :2]), coordinates[:, 2:3], unit), dim=1)

@@ -106,6 +106,23 @@ class FailedStarts:
 
 
 @dataclass(frozen=True)
+class ObjectiveFigures:
+    """What the fit minimized, and what of the lobes is a guess.
+
+    Attributes:
+        error: l2, cube-root or log.
+        chosen_by: data or settings.
+        narrow_lobes: lobes narrower than the measured directions resolve.
+        narrow_energy: their share of the mean reflection of all lobes.
+    """
+
+    error: str | None = None
+    chosen_by: str | None = None
+    narrow_lobes: int | None = None
+    narrow_energy: float | None = None
+
+
+@dataclass(frozen=True)
 class Ablation:
     """SNR in dB of lobes alone over some texels, and without each BRDF."""
 
@@ -151,6 +168,7 @@ class Report:
         sharpness: shares of the gradients of slices.
         display: PSNR and FLIP of slices on a display.
         lobes_by_model: entries of texels by BRDF, the most used one first.
+        objective: what was minimized.
         failed_starts: of the search.
         solvers: problems by solver and by how they ended: converged, limit, no_descent, not_finite.
         error_without_model: ablation of each BRDF.
@@ -183,6 +201,7 @@ class Report:
     sharpness: Sharpness
     display: Display
     lobes_by_model: dict[str, int]
+    objective: ObjectiveFigures
     failed_starts: FailedStarts
     solvers: dict[str, dict[str, int]]
     error_without_model: Ablation

@@ -26,13 +26,14 @@ from .contract import (
     Ablation,
     Display,
     FailedStarts,
+    ObjectiveFigures,
     Report,
     Seconds,
     Sharpness,
     Sizes,
 )
 from .materials import materials
-from .wording import decibels, fixed, percent
+from .wording import decibels, fixed, percent, plural
 
 
 def summarize(
@@ -42,6 +43,7 @@ def summarize(
     *,
     totals: Totals,
     weighted: Totals | None,
+    objective: ObjectiveFigures,
     starts: Tensor,
     solvers: StatusCounts,
     ablation: Ablation,
@@ -58,6 +60,7 @@ def summarize(
         context: of the run.
         totals: squared errors over the whole input.
         weighted: the same by weight; None if all weights are equal.
+        objective: what was minimized.
         starts: of the search `[3]`, see `FoundLobes.starts`.
         solvers: all solved problems by solver and status.
         ablation: SNR without each BRDF.
@@ -90,6 +93,7 @@ def summarize(
         sharpness=sharpness or Sharpness(),
         display=display or Display(),
         lobes_by_model=model.lobe_use_by_model(),
+        objective=objective,
         failed_starts=failed_starts(starts),
         solvers=solvers.to_dict(),
         error_without_model=ablation,
@@ -117,6 +121,16 @@ def warning_of_failed_starts(starts: Tensor) -> str | None:
     return (
         f"warning: {failed.not_finite} of {failed.starts} starts of the search met NaN or "
         f"infinity and were left out"
+    )
+
+
+def warning_of_narrow_lobes(objective: ObjectiveFigures) -> str | None:
+    """What of the lobes is a guess; None where the directions resolve all of them."""
+    if not objective.narrow_lobes or objective.narrow_energy is None:
+        return None
+    return (
+        f"narrower than the sampling: {plural(objective.narrow_lobes, 'lobe')}, "
+        f"{percent(objective.narrow_energy, 0)} of the energy; their widths are a guess"
     )
 
 

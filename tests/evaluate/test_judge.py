@@ -1,16 +1,22 @@
-"""What an evaluation says of the report of the fit."""
+"""Figures that a fit reported, beside those of its saved model."""
 
 from __future__ import annotations
+
+import pytest
 
 from spmm_torch.evaluate.judge import report_difference
 
 
-def test_figures_that_are_rounding_are_no_difference() -> None:
-    """A bare mean of one texel a cluster is exact, up to the rounding of its values."""
+def figures(snr: float) -> dict[str, dict[str, float]]:
+    return {"snr_db": {"with_residual": snr}, "psnr_db": {}}
 
-    def figures(whole: float, means: float) -> dict[str, dict[str, float]]:
-        return {"psnr_db": {}, "snr_db": {"with_residual": whole, "cluster_mean": means}}
 
-    assert report_difference(figures(40.0, 166.5), figures(40.25, 161.5)) == 0.25
-    assert report_difference(figures(40.0, 166.5), figures(40.0, 61.5)) == 105.0
-    assert report_difference(figures(130.0, 166.5), figures(140.0, 161.5)) is None
+@pytest.mark.parametrize(("found", "reported"), [(112.0, 108.0), (90.0, 90.3), (62.0, 62.01)])
+def test_rounding_of_near_perfect_fits_is_no_difference(found: float, reported: float) -> None:
+    assert report_difference(figures(found), figures(reported)) == 0.0
+
+
+@pytest.mark.parametrize(("found", "reported"), [(90.0, 85.0), (48.0, 48.02), (12.0, 12.02)])
+def test_another_model_is_one(found: float, reported: float) -> None:
+    difference = report_difference(figures(found), figures(reported))
+    assert difference == pytest.approx(abs(found - reported))

@@ -71,6 +71,12 @@ def report() -> dict[str, Any]:
             "slices": 48,
         },
         "lobes_by_model": {"lambertian": 40, "ward": 20},
+        "objective": {
+            "error": "cube-root",
+            "chosen_by": "data",
+            "narrow_lobes": 3,
+            "narrow_energy": 0.12,
+        },
         "failed_starts": {"starts": 5120, "count": 3, "not_finite": 1, "no_descent": 2},
         "solvers": {
             "nnls": {"converged": 105, "limit": 1, "no_descent": 0, "not_finite": 0},

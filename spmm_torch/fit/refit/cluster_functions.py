@@ -87,6 +87,7 @@ def left_over(
     advance: Callable[[int], object],
     *,
     components: tuple[Tensor, Tensor] | None = None,
+    own: Tensor | None = None,
 ) -> LeftOver:
     """Reads all pictures once more; every rank has a part of the views.
 
@@ -99,6 +100,7 @@ def left_over(
         ranks: processes among which the views are divided.
         advance: called with the number of views done.
         components: functions `[V, R, L, C]` and coefficients `[T, R]`; None: none.
+        own: functions of the clusters, `[K, V, L, C]`; None: none.
     """
     device, shape = rho.device, (len(pictures.light), pictures.channels)
     member = one_hot(labels.to(device)).float()  # [T, K]
@@ -106,14 +108,16 @@ def left_over(
     products = torch.zeros(views, clusters, *shape, device=device)
     gram = torch.zeros(views, clusters, clusters, device=device)
     energy, value_energy, means = torch.zeros(3, views, *shape, dtype=torch.float64, device=device)
-    own = member if lookups.pixel is None else member * lookups.pixel[:, None]
-    count = own.double().square().sum(0)
+    pixels = member if lookups.pixel is None else member * lookups.pixel[:, None]
+    count = pixels.double().square().sum(0)
     weights = channel_matrices(entries, rho.shape[1])
     for view in ranks.share(torch.arange(views)).tolist():
         value = torch.stack([weight @ rho[view] for weight in weights], dim=-1)  # [T, L, C]
         if components is not None:
             functions, coefficient = components
             value += torch.einsum("tr,rlc->tlc", coefficient, functions[view])
+        if own is not None:
+            value += own[:, view][labels.to(device)]
         picture = pictures.views(view, view + 1)[:, 0].to(device)
         if lookups.pixel is not None:
             picture = picture * lookups.pixel[:, None, None]
@@ -124,7 +128,7 @@ def left_over(
         gram[view] = seen.T @ seen
         energy[view] = left.double().square().sum(0).view(shape)
         value_energy[view] = picture.double().square().sum(0)
-        total = (own.T @ picture.flatten(1)).double()  # [K, L C]
+        total = (pixels.T @ picture.flatten(1)).double()  # [K, L C]
         means[view] = (total.square() / count[:, None]).sum(0).view(shape)
         advance(ranks.size)
     parts = (products, gram, energy, value_energy, means)

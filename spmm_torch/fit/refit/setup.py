@@ -137,18 +137,21 @@ class Setup:
         alone = self._left(entries, None, lookups)
         without = whole = alone.error(None, scale)
         if components is not None or clusters is not None:
-            left = self._left(entries, components, lookups)
             own = None
             if clusters is not None:
                 own = decode_residual(*clusters).to(self.problem.device)
-            whole = left.error(own, scale)
+            whole = self._left(entries, components, lookups, own).error(None, scale)
         return Totals(alone.value_energy(scale), without, whole, alone.mean_error(scale))
 
     def _left(
-        self, entries: SparseWeights, components: RankResidual | None, lookups: Lookups
+        self,
+        entries: SparseWeights,
+        components: RankResidual | None,
+        lookups: Lookups,
+        clusters: Tensor | None = None,
     ) -> LeftOver:
-        """What lobes and components leave of the pictures."""
-        own = None if components is None else (components.functions, components.coefficients)
+        """What lobes, components and functions `[K, V, L, C]` of clusters leave of the pictures."""
+        shared = None if components is None else (components.functions, components.coefficients)
         return left_over(
             self.problem.pictures,
             lookups,
@@ -157,7 +160,8 @@ class Setup:
             self.labels,
             self.problem.context.ranks,
             self.advance,
-            components=own,
+            components=shared,
+            own=clusters,
         )
 
     def filled(self, functions: Tensor) -> Tensor:

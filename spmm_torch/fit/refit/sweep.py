@@ -59,6 +59,8 @@ def sweep(
     coefficient: Tensor,
     ranks: Ranks,
     advance: Callable[[int], object],
+    *,
+    kept: Tensor | None = None,
 ) -> Swept:
     """Reads all pictures once; every rank has a part of the views.
 
@@ -71,6 +73,7 @@ def sweep(
         coefficient: c, `[T, R]`.
         ranks: processes among which the views are divided.
         advance: called with the number of views done.
+        kept: share of the functions to keep at each pair, `[V, L]`; None: 1.
     """
     device, rank = rho.device, coefficient.shape[1]
     lights, channels = len(pictures.light), pictures.channels
@@ -86,6 +89,8 @@ def sweep(
             plane -= drawn @ (weight @ rho[view])  # what the lobes leave
         seen = drawn @ coefficient  # [T, R]
         found = solve_with_ridge(seen.T @ seen, seen.T @ picture, RIDGE)  # [C, R, L]
+        if kept is not None:
+            found = found * kept[view]
         functions[view] = found.permute(1, 2, 0)
         if scale is not None:
             found = found * scale.view(-1, lights)[view].square()

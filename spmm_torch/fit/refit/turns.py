@@ -17,6 +17,7 @@ from ...model.components import (
 )
 from ...model.lookup import SparseWeights
 from ..cluster import Clusters
+from ..residual.trust import trust
 from ..select.target import residual_weight
 from .components import (
     coefficients,
@@ -43,6 +44,7 @@ class Turns:
         coefficient: c, `[T, R]`.
         target: products that the weights are fit to, `[N, C]` float64.
         swept: functions of the last turn; None before the first.
+        kept: share of them to keep at each pair, `[V, L]`; None: 1.
     """
 
     setup: Setup
@@ -51,6 +53,7 @@ class Turns:
     coefficient: Tensor
     target: Tensor
     swept: Swept | None = None
+    kept: Tensor | None = None
 
     @classmethod
     def start(
@@ -84,12 +87,21 @@ class Turns:
                     self.coefficient,
                     problem.context.ranks,
                     self.setup.advance,
+                    kept=self.kept,
                 ),
             )
             found = replace(self, swept=swept.to(problem.device))
             start = None if self.swept is None else self.coefficient
             found = replace(found, coefficient=found._coefficients(found._swept.products, start))
         return found._beside_residual() if problem.config.residual.joint else found
+
+    def trusted(self, number: int) -> Turns:
+        """The state after another turn that keeps of the residual what its neighbours foresee."""
+        btf = self.setup.problem.pictures
+        kept = trust(
+            self._swept.functions, btf.light.to(self.coefficient), btf.view.to(self.coefficient)
+        )
+        return replace(self, kept=kept).next(number)
 
     def stored(self, entries: SparseWeights) -> RankResidual:
         """The residual as a file holds it, beside lobes whose weights were rounded.

@@ -33,6 +33,10 @@ class ClusterErrors:
     totals: Totals
     weighted: Totals | None = None
 
+    def stored(self) -> Tensor:
+        """The values of the residual as stored, `[D, C]`."""
+        return decode_residual(self.code[None], self.scale[None])[0]
+
 
 def uniform_errors(
     products: Products,
@@ -105,12 +109,18 @@ class WeightedErrors:
             residual = self.gaps.filled(residual)
         code, scale = encode_residual(residual[None], precision)
         stored = decode_residual(code, scale)[0]
-        seen = stored if self.measured is None else stored * self.measured[:, None]
-        scaled = stored if self.scale is None else stored * self.scale[:, None]
-        raw = self.raw if self.measured is None else self.raw * self.measured
-        totals = _totals(self.plain, raw, blocks, seen, ranks)
+        seen, scaled = self.seen(stored.T).T, self.scaled(stored.T).T
+        totals = _totals(self.plain, self.seen(self.raw), blocks, seen, ranks)
         weighted = _totals(self.products, self.atoms, blocks, scaled, ranks)
         return ClusterErrors(code[0].cpu(), scale[0].cpu(), totals, weighted)
+
+    def seen(self, values: Tensor) -> Tensor:
+        """Values `[..., D]` at measured pairs, 0 at others."""
+        return values if self.measured is None else values * self.measured
+
+    def scaled(self, values: Tensor) -> Tensor:
+        """Values `[..., D]` times the square roots of the weights of their pairs."""
+        return values if self.scale is None else values * self.scale
 
     def _mean_value(self) -> Tensor:
         """Mean of the texels by their weights, without the weights of the pairs, `[D, C]`."""

@@ -13,11 +13,10 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from ...model.residual import decode_residual
+from ...metrics import Totals
 from ...runtime.ranks import ALONE, Ranks
 from ..select.products import Load
 from ..select.texels import Fit
-from .errors import ClusterErrors
 
 # Relative error under which one more pass is made: rounding is 1 % of the error there.
 DOUBTFUL = 1e-5
@@ -29,27 +28,26 @@ def is_doubtful(error: float, energy: float) -> bool:
 
 
 def exact_where_doubtful(
-    errors: ClusterErrors,
+    totals: Totals,
     passes: tuple[Load, Sequence[slice]],
     fits: Sequence[Fit],
     atoms: Tensor,
+    residual: Tensor,
     ranks: Ranks = ALONE,
-) -> ClusterErrors:
+    importance: Tensor | None = None,
+) -> Totals:
     """The errors of a cluster, by one more pass where they may be rounding.
 
     Args:
-        errors: from products.
+        totals: from products.
         passes: load and parts, as in `exact_errors`.
-        fits, ranks: as in `exact_errors`.
-        atoms: `[J, D]`, of unit norm.
+        fits, residual, ranks, importance: as in `exact_errors`.
+        atoms: `[J, D]`.
     """
-    totals = errors.totals
     if not is_doubtful(min(totals.without_residual, totals.with_residual), totals.energy):
-        return errors
-    residual = decode_residual(errors.code[None], errors.scale[None])[0].to(atoms.device)
-    without, with_residual = exact_errors(*passes, fits, atoms, residual, ranks)
-    totals = replace(totals, without_residual=without, with_residual=with_residual)
-    return replace(errors, totals=totals)
+        return totals
+    without, with_residual = exact_errors(*passes, fits, atoms, residual, ranks, importance)
+    return replace(totals, without_residual=without, with_residual=with_residual)
 
 
 def exact_errors(
@@ -59,6 +57,7 @@ def exact_errors(
     atoms: Tensor,
     residual: Tensor,
     ranks: Ranks = ALONE,
+    importance: Tensor | None = None,
 ) -> tuple[float, float]:
     """Squared errors of a whole cluster (without its residual, with it), from the values.
 
@@ -66,9 +65,10 @@ def exact_errors(
         load: gives the values `[m, C, D]` of some of the n texels of this rank.
         parts: blocks of the n texels.
         fits: of the n texels, in their order.
-        atoms: `[J, D]`, of unit norm.
+        atoms: `[J, D]`.
         residual: the stored values, `[D, C]`.
         ranks: processes among which the cluster is divided.
+        importance: weights of the n texels, `[n]`; None: 1.
     """
     none = atoms.new_zeros(0, residual.shape[1], len(atoms))  # a rank may have no texels
     weights = torch.cat([none, *(_dense(fit, len(atoms)) for fit in fits)])  # [n, C, J]
@@ -76,7 +76,9 @@ def exact_errors(
     for part in parts:
         error = load(part) - weights[part] @ atoms  # [m, C, D]
         for which, rest in enumerate((error, error - residual.T)):
-            total[which] += rest.square().sum(dtype=torch.float64).cpu()
+            squares = rest.square().sum((1, 2), dtype=torch.float64)  # [m]
+            own = squares if importance is None else squares * importance[part]
+            total[which] += own.sum().cpu()
     without, with_residual = ranks.sum(total).tolist()
     return without, with_residual
 

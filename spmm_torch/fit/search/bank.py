@@ -58,6 +58,23 @@ def build_bank(
     return bank_at(grid, {name: SHAPES[name] for name in models}, normals, feasible)
 
 
+def narrow_bank(
+    grid: DirectionGrid, models: Sequence[str], width: float, feasible: Feasible
+) -> Bank:
+    """Upright candidates of the least width, for peaks that the directions do not resolve."""
+    shapes = {}
+    for model in (REGISTRY[MODEL_NAMES.index(name)] for name in models):
+        wide = [row.from_width for row in model.parameters]
+        if any(wide):
+            rows = {
+                tuple(own if at is None else at(width) for at, own in zip(wide, shape, strict=True))
+                for shape in model.shapes
+            }
+            shapes[model.name] = tuple(sorted(rows))
+    upright = torch.tensor([[0.0, 0.0, 1.0]]).to(grid.light.device)
+    return bank_at(grid, shapes, upright, feasible)
+
+
 def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feasible) -> Bank:
     """Candidates of all `shapes` at each of `normals [N, 3]`, moved into the bounds."""
     batches = []

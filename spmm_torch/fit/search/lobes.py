@@ -6,14 +6,14 @@ import torch
 from torch import Tensor
 
 from ...config.fit import FitConfig, SearchConfig
-from ...lobes.batch import Feasible
-from ...lobes.grid import DirectionGrid
+from ...lobes.batch import Feasible, LobeBatch
 from ...runtime.progress import Advance
 from ...solvers.multistart import StartCounts
 from ..cluster import Samples
 from ..dictionary import FoundLobes
+from ..glossy.energy import held_to_energy
 from ..problem import Problem
-from .bank import build_bank
+from .bank import build_bank, narrow_bank
 from .joint import FEW_ROWS, CorrectiveSearch
 from .mixtures import Mixtures
 from .music import music_lobes
@@ -66,10 +66,14 @@ def find_lobes(
         advance: receives `search_steps` units in all.
     """
     search, grid = problem.config.search, problem.grid()
-    feasible = Feasible.build(search.min_width * grid.spacing)
-    bank = build_bank(grid, search.models, bank_normals(search, len(samples)), feasible)
-    fine = Feasible.build(EXACT_WIDTH * search.min_width * grid.spacing)
     signals = problem.signals(samples.texels)  # [S, C, D]
+    width = search.min_width * grid.spacing
+    peak, models = problem.objective.peak, problem.objective.models(search.models)
+    feasible, fine = Feasible.build(width), Feasible.build(EXACT_WIDTH * width)
+    bank = build_bank(grid, models, bank_normals(search, len(samples)), feasible)
+    if peak is not None:
+        feasible = feasible.or_as_narrow_as(peak.width)
+        bank = bank.joined(narrow_bank(grid, models, peak.width, feasible))
     finder: StagewiseSearch | CorrectiveSearch
     if search.method == "stagewise":
         finder = StagewiseSearch.build(
@@ -80,20 +84,30 @@ def find_lobes(
         bounds = fine if len(known) else feasible
         finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
     mixtures = finder.run(advance)
-    return _found(grid, mixtures, samples.clusters, signals, finder.counts)
+    if peak is None:
+        used = _used(mixtures)
+        lobes = grid.decode(mixtures.model[used], mixtures.coordinates[used])
+    else:
+        lobes = grid.decode(mixtures.model.flatten(), mixtures.coordinates.flatten(0, 1))
+        weights = mixtures.weights * mixtures.present[..., None]
+        lobes = held_to_energy(lobes, weights, peak, width)[_used(mixtures).flatten()]
+    return _found(lobes, mixtures, samples.clusters, signals, finder.counts)
+
+
+def _used(mixtures: Mixtures) -> Tensor:
+    """True `[S, M]` for lobes with a weight above 0."""
+    return mixtures.present & (mixtures.weights > 0.0).any(2)
 
 
 def _found(
-    grid: DirectionGrid,
+    lobes: LobeBatch,
     mixtures: Mixtures,
     clusters: Tensor,
     signals: Tensor,
     counts: StartCounts,
 ) -> FoundLobes:
-    """All lobes with a weight above 0, and the relative error of the sample of each."""
-    used = mixtures.present & (mixtures.weights > 0.0).any(2)  # [S, M]
-    host = used.cpu()
-    lobes = grid.decode(mixtures.model[used], mixtures.coordinates[used])
+    """The lobes with a weight above 0, and the relative error of the sample of each."""
+    host = _used(mixtures).cpu()
     energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
     cluster, error = (x.cpu()[:, None].expand(host.shape)[host] for x in (clusters, error))

@@ -211,8 +211,9 @@ def _errors(
     if problem.weights.uniform:
         of_fit = (fit.error, fit.taken)
         errors = uniform_errors(products, atoms, fit.mean, of_fit, precision, ranks)
-        passes = _passes(stage, texels, UNIFORM)
-        return exact_where_doubtful(errors, passes, fit.fits, atoms, ranks)
+        passes, stored = _passes(stage, texels, UNIFORM), errors.stored().to(atoms.device)
+        totals = exact_where_doubtful(errors.totals, passes, fit.fits, atoms, stored, ranks)
+        return replace(errors, totals=totals)
     raw, measured = stage.dictionary.raw[where], problem.weights.measured
     measured = None if measured is None else measured.to(raw.device)
     seen = raw if measured is None else raw * measured
@@ -220,7 +221,36 @@ def _errors(
     scale = problem.weights.scale(atoms.device)
     weighted = WeightedErrors(products, atoms, plain, raw, scale, measured, stage.gaps)
     blocks = list(zip(selection_blocks(products), fit.fits, strict=True))
-    return weighted.of_fit(fit.mean, blocks, precision, ranks)
+    errors = weighted.of_fit(fit.mean, blocks, precision, ranks)
+    return _exact_weighted(stage, texels, weighted, fit, errors)
+
+
+def _exact_weighted(
+    stage: SelectStage, texels: Tensor, sums: WeightedErrors, fit: Solution, errors: ClusterErrors
+) -> ClusterErrors:
+    """`errors` without and with the weights, by another pass each where they may be rounding."""
+    problem, ranks = stage.problem, stage.problem.context.ranks
+    stored = errors.stored().to(sums.atoms.device)
+    totals = exact_where_doubtful(
+        errors.totals,
+        _passes(stage, texels, UNIFORM),
+        fit.fits,
+        sums.seen(sums.raw),
+        sums.seen(stored.T).T,
+        ranks,
+        sums.plain.importance,
+    )
+    assert errors.weighted is not None
+    weighted = exact_where_doubtful(
+        errors.weighted,
+        _passes(stage, texels, problem.weights),
+        fit.fits,
+        sums.atoms,
+        sums.scaled(stored.T).T,
+        ranks,
+        sums.products.importance,
+    )
+    return replace(errors, totals=totals, weighted=weighted)
 
 
 def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:

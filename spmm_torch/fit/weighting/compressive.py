@@ -23,26 +23,27 @@ from ...data.blocks import block_texels
 from ...data.error_weights import Weights
 from ...runtime.memory import slices
 from ...runtime.ranks import ALONE, Ranks
+from ..glossy.objective import Objective
 
 # Minus the exponent of g'(y)^2: y^(1/3) has 2 (1 - 1/3), log(y) has 2.
 EXPONENTS = {"cube-root": 4.0 / 3.0, "log": 2.0}
-# Fraction of the mean value that is added to all values: darker ones count as black.
-DARK = 0.01
+# Fraction of the typical value that is added to all values: darker ones count as black.
+DARK = 0.1
 
 
 def compressive_weights(
-    btf: BTF, error: str, device: torch.device, ranks: Ranks = ALONE
+    btf: BTF, objective: Objective, device: torch.device, ranks: Ranks = ALONE
 ) -> Weights:
-    """The weights of the setting `error`, which is l2 (no weights), cube-root or log.
-
-    The last two pass over all values once.
-    """
-    if error == "l2":
+    """The weights of an objective; one pass over all values if it compresses them."""
+    if not objective.compressed:
         return Weights(measured=btf.measured)
     size = mean_values(btf, device, ranks)  # [D]
     measured = torch.ones(len(size), dtype=torch.bool) if btf.measured is None else btf.measured
-    dark = DARK * size[measured].mean()
-    pair = (size + dark) ** -EXPONENTS[error]
+    dark = DARK * size[measured].clamp(min=0.0).pow(1.0 / 3.0).mean() ** 3
+    size = size.clamp(min=0.0)
+    pair = (size + dark) ** -EXPONENTS[objective.error]
+    if objective.pair is not None:
+        pair = pair * objective.pair
     return Weights.build(btf, pair.view(len(btf.view), len(btf.light)))
 
 

@@ -6,10 +6,17 @@ import pytest
 import torch
 from torch import Tensor
 
+from spmm_torch import FitConfig
+from spmm_torch.fit import fit
 from spmm_torch.fit.residual.exact import exact_errors, is_doubtful
 from spmm_torch.fit.select.products import cluster_products
 from spmm_torch.fit.select.texels import Fit, squared_errors
+from spmm_torch.geometry.directions import direction_pairs, ring_directions
+from spmm_torch.metrics import snr_db
+from tests.planted.btfs import COARSE_RINGS, random_btf
 
+# The fewest steps that find a lobe.
+SEARCH = {"search": {"max_lobes": 1, "restarts": 1, "bank_normals": 8, "exchanges": 0}}
 TEXELS, ATOMS, PAIRS, CHANNELS = 7, 5, 900, 3
 
 
@@ -59,3 +66,20 @@ def test_the_gram_algebra_could_not_tell() -> None:
     assert abs(by_gram - truth) > truth
     assert is_doubtful(by_gram, float(products.energy.sum()))
     assert not is_doubtful(1e-4, 1.0)
+
+
+@pytest.mark.parametrize("residual", [{"rank": 0, "clusters": True}, {"rank": 2, "clusters": True}])
+@pytest.mark.parametrize("error", ["l2", "cube-root"])
+def test_near_perfect_fits_report_what_the_model_does(residual: dict, error: str) -> None:
+    directions = ring_directions(COARSE_RINGS)
+    btf = random_btf(directions, 1, 1)
+    settings = {"residual": {**residual, "precision": "float32"}, "weights": {"error": error}}
+    result = fit(btf, FitConfig.from_dict({**SEARCH, **settings}), render=False)
+    wi, wo = direction_pairs(directions, directions)
+    with torch.no_grad():
+        found = result.model(torch.full((len(wi), 2), 0.5), wi, wo)
+    truth = btf.texels(slice(None))[0].double()
+    own = snr_db(float(truth.square().sum()), float((found.double() - truth).square().sum()))
+    reported = result.report["snr_db"]["with_residual"]
+    rounding = 10.0 ** (-own / 20.0) - 10.0 ** (-reported / 20.0)
+    assert own > 60.0 and abs(rounding) < 1e-6

@@ -11,6 +11,7 @@ import torch
 from spmm_torch import BTF
 from spmm_torch.config.fit import WeightsConfig
 from spmm_torch.errors import DataError
+from spmm_torch.fit.glossy.objective import Objective
 from spmm_torch.fit.weighting import compressive_weights, given_weights
 from spmm_torch.geometry.directions import ring_directions
 
@@ -84,12 +85,12 @@ def test_no_file(btf: BTF, tmp_path: Path, content: bytes | None) -> None:
 
 def test_compressed_errors_count_by_the_slope_squared(btf: BTF) -> None:
     """Against the error of compressed values itself, for small errors of bright pairs."""
-    assert compressive_weights(btf, "l2", CPU).uniform
+    assert compressive_weights(btf, Objective(), CPU).uniform
     size = btf.texels().mean((0, 2)).double()
     bright = size > size.mean()
     y = size[bright]
     for error, compress in (("cube-root", lambda x: x ** (1.0 / 3.0)), ("log", torch.log)):
-        weights = compressive_weights(btf, error, CPU).pair.double()[bright]
+        weights = compressive_weights(btf, Objective(error), CPU).pair.double()[bright]
         squared = (compress(y * 1.001) - compress(y)).square()
         ratio = weights * (0.001 * y).square() / squared
         torch.testing.assert_close(ratio / ratio.mean(), torch.ones_like(ratio), rtol=0.05, atol=0)
@@ -97,7 +98,9 @@ def test_compressed_errors_count_by_the_slope_squared(btf: BTF) -> None:
 
 def test_dark_pairs_gain_most_but_not_without_end(btf: BTF) -> None:
     size = btf.texels().mean((0, 2))
-    root, log = (compressive_weights(btf, error, CPU).pair for error in ("cube-root", "log"))
+    root, log = (
+        compressive_weights(btf, Objective(error), CPU).pair for error in ("cube-root", "log")
+    )
     order = size.argsort()
     for pair in (root, log):
         assert bool((pair[order].diff() <= 0.0).all())

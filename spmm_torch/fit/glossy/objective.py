@@ -1,0 +1,105 @@
+"""What a fit minimizes: squared errors, or those of compressed values where data are glossy.
+
+Peaks that the directions do not resolve are over-represented: directions are measured as mirror
+images of each other, so that as many pairs meet such a peak as if it were as wide as the angle
+between directions. Errors there count by the share of that angle which the peak has.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from ...brdf import PAPER_MODELS
+from ...config.fit import FitConfig
+from ...data import BTF
+from ...lobes.grid import DirectionGrid
+from ...lobes.sampling import specular_mask
+from ...model.spmm import SPMM
+from ...report.contract import ObjectiveFigures
+from .measure import ENERGY, PAIRS, is_glossy, some_texels
+from .peaks import NARROW, Unresolved, peak_pairs, unresolved
+
+# The model whose peaks have tails as those of measured glossy materials, which the seven lack.
+LONG_TAILED = "ggx"
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What a fit minimizes.
+
+    Attributes:
+        error: l2, cube-root or log.
+        chosen: whether the data chose it, and not the settings.
+        resolved: width of the narrowest lobes that the directions resolve, as a slope.
+        peak: the narrowest peaks, which the directions do not resolve; None: all are resolved.
+        pair: factors of the weights of pairs, `[D]`; None: 1.
+    """
+
+    error: str = "l2"
+    chosen: bool = False
+    resolved: float = 0.0
+    peak: Unresolved | None = None
+    pair: Tensor | None = None
+
+    @classmethod
+    def of(cls, btf: BTF, config: FitConfig, device: torch.device) -> Objective:
+        """The objective of a fit, by the settings and some of the texels."""
+        error, chosen = config.weights.error, config.weights.error == "auto"
+        if error == "l2" or (chosen and config.search.method == "stagewise"):
+            return cls()
+        values = btf.signals(some_texels(btf.texel_count), device)  # [n, C, D]
+        if chosen:
+            error = "cube-root" if is_glossy(values) else "l2"
+        if error == "l2":
+            return cls(chosen=chosen)
+        grid = DirectionGrid.build(btf.light, btf.view, device)
+        width = config.search.min_width * grid.spacing
+        peak = unresolved(grid, values, width)
+        upright = unresolved(grid, values.mean(0, keepdim=True), width)
+        pair = None
+        if upright is not None:
+            share = upright.width / width
+            pair = torch.where(peak_pairs(grid, width), share, 1.0).cpu()
+        return cls(error, chosen, width, peak, pair)
+
+    @property
+    def compressed(self) -> bool:
+        """Whether errors are those of compressed values."""
+        return self.error != "l2"
+
+    def describe(self) -> str | None:
+        """What the data chose, in one line; None where that is the plain squared error."""
+        if not (self.chosen and self.compressed):
+            return None
+        line = (
+            f"glossy: {ENERGY:.0%} of the energy lies in under {PAIRS:.0%} of the direction pairs; "
+            f"errors of cube roots count"
+        )
+        if self.peak is None:
+            return line
+        kind = "metal" if self.peak.metal else "dielectric"
+        return (
+            f"{line}; peaks narrower than the directions, held to what a {kind} reflects (width "
+            f"{math.degrees(self.peak.width):.2g} degrees)"
+        )
+
+    def figures(self, model: SPMM) -> ObjectiveFigures:
+        """What the report says of the objective, and of the lobes of a model that are a guess."""
+        by = "data" if self.chosen else "settings"
+        if self.peak is None:
+            return ObjectiveFigures(self.error, by, 0, 0.0)
+        lobes = model.dictionary.detach()
+        limit = NARROW * self.resolved
+        count = int(specular_mask(lobes, limit).sum())
+        return ObjectiveFigures(self.error, by, count, model.narrow_share(limit))
+
+    def models(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Models of the lobes: where data are glossy, one with long tails joins the paper's."""
+        return (*names, LONG_TAILED) if self.compressed and names == PAPER_MODELS else names
+
+
+PLAIN = Objective()

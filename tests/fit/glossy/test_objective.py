@@ -1,0 +1,52 @@
+"""The choice of the objective: by the data, and never for the paper's method."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from spmm_torch import BTF, FitConfig
+from spmm_torch.brdf import PAPER_MODELS
+from spmm_torch.fit.glossy.objective import Objective
+from spmm_torch.geometry.directions import ring_directions
+from tests.fit.glossy.test_peaks import lobe, samples
+from tests.planted.btfs import texel_btf
+
+CPU = torch.device("cpu")
+
+
+def glossy_btf() -> BTF:
+    """A mirror over a dim body."""
+    return texel_btf(samples(lobe(0.012, 0.9)).transpose(1, 2), ring_directions())
+
+
+def test_glossy_data_choose_cube_roots() -> None:
+    found = Objective.of(glossy_btf(), FitConfig(), CPU)
+    assert (found.error, found.chosen) == ("cube-root", True)
+    assert found.peak is not None and found.pair is not None
+    assert found.models(PAPER_MODELS)[-1] == "ggx"
+    assert "metal" in (found.describe() or "")
+
+
+@pytest.mark.parametrize(
+    "change", [{"weights": {"error": "l2"}}, {"search": {"method": "stagewise"}}]
+)
+def test_the_settings_and_the_paper_stay_plain(change: dict) -> None:
+    found = Objective.of(glossy_btf(), FitConfig.from_dict(change), CPU)
+    assert not found.compressed
+    assert found.models(PAPER_MODELS) == PAPER_MODELS
+
+
+def test_black_texels_and_one_bright_sample_do_not_make_data_glossy() -> None:
+    values = torch.rand(4, 6561, 3, generator=torch.Generator().manual_seed(0))
+    values[:3] = 0.0
+    assert not Objective.of(texel_btf(values, ring_directions()), FitConfig(), CPU).compressed
+    values[3, 100] = 1e4
+    assert not Objective.of(texel_btf(values, ring_directions()), FitConfig(), CPU).compressed
+
+
+def test_matt_data_choose_squared_errors() -> None:
+    values = torch.rand(4, 6561, 3, generator=torch.Generator().manual_seed(0))
+    found = Objective.of(texel_btf(values, ring_directions()), FitConfig(), CPU)
+    assert not found.compressed
+    assert found.describe() is None
