@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from ..config.fit import DataConfig
 from ..errors import DataError
 from ..geometry.directions import direction_pairs
 from ..geometry.relief import HeightField
@@ -47,6 +48,7 @@ class BTF:
         cosine_missing: whether values are yet to be multiplied by the cosine of the light.
         negative: treatment of values below zero: "refuse", "clip" to zero, or "keep".
         missing: direction pairs without values (zeros stand for them), `[V, L]` bool; None: none.
+        read_as: the settings that it was read by.
     """
 
     name: str
@@ -64,6 +66,7 @@ class BTF:
     cosine_missing: bool = False
     negative: str = "refuse"
     missing: Tensor | None = field(default=None, repr=False)
+    read_as: DataConfig = field(default=DataConfig(), repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
@@ -97,7 +100,8 @@ class BTF:
         _, _, height, width, _ = array.shape
         opener, itemsize = opener_in_memory(array, where), array.dtype.itemsize
         btf = cls(name, "", height, width, view, light, itemsize, opener, hdr=None)
-        return replace(btf, negative=ReadOptions(negative=negative).negative).load()
+        options = ReadOptions(negative=negative)
+        return replace(btf, negative=options.negative, read_as=options.settings()).load()
 
     def restricted(
         self,

@@ -71,6 +71,10 @@ class ReadOptions:
             missing=settings.missing,
         )
 
+    def settings(self) -> DataConfig:
+        """The settings of a fit that mean these options."""
+        return DataConfig(self.gamma, self.cosine, self.negative, self.missing)
+
     @property
     def thread_count(self) -> int:
         """The number of threads to start."""

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from ..config.fit import FitConfig
-from ..data import BTF
+from ..data import BTF, obeying
 from ..data.error_weights import Weights
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
@@ -63,7 +63,7 @@ def fit(
     """Fits a model to a BTF [WDR11 §3.2, §4.1].
 
     Args:
-        btf: measured reflectance.
+        btf: measured reflectance; `config.data` is obeyed however it was opened.
         config: settings; the defaults are those of `configs/default.yaml`.
         context: of the run; None: device and seed of the settings, without messages.
         weights: of the errors; None: those of the settings.
@@ -77,6 +77,7 @@ def fit(
     """
     config = with_lobe_limit(config or FitConfig())
     context = context or Context.build(config.device, config.seed)
+    btf = obeying(btf, config.data, config.seed)
     with torch.no_grad(), full_precision(), context.watch("total"):
         problem = align(load(btf, config, context, weights))
         clusters = cluster_texels(problem)  # §4.1, k-means
