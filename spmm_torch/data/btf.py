@@ -147,8 +147,12 @@ class BTF:
         """
 
         def open_store(_part: Part, _loading: Loading) -> Store:
-            return DisplacedStore(self._loaded(), field, self.view, len(self.light), drift)
+            return DisplacedStore(self.store(), field, self.view, len(self.light), drift)
 
+        return self.over(open_store)
+
+    def over(self, open_store: Callable[[Part, Loading], Store]) -> BTF:
+        """The BTF whose store reads the decoded values of this one, as `open_store` says."""
         return replace(self, open_store=open_store, cosine_missing=False)
 
     @property
@@ -180,7 +184,16 @@ class BTF:
     @property
     def is_hdr(self) -> bool:
         """Whether values may exceed 1; decodes them where the header does not tell."""
-        return self._loaded().is_hdr if self.hdr is None else self.hdr
+        return self.store().is_hdr if self.hdr is None else self.hdr
+
+    def level(self) -> float:
+        """The highest value; if values are streamed, that of some texels."""
+        return self.store().level
+
+    def store(self) -> Store:
+        """The decoded values."""
+        self.load()
+        return cast(Store, self._store)
 
     def pairs(self) -> tuple[Tensor, Tensor]:
         """Directions `(wi [D, 3], wo [D, 3])` of the direction pairs d = view * L + light."""
@@ -230,7 +243,7 @@ class BTF:
             DataError: a picture cannot be decoded, or a value is not valid.
             OutputError: the decoded values cannot be read or written on disk.
         """
-        return self._loaded().texels(index, device)
+        return self.store().texels(index, device)
 
     def signals(
         self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
@@ -240,25 +253,25 @@ class BTF:
         Raises:
             DataError, OutputError: as for `texels`.
         """
-        return self._loaded().signals(index, device)
+        return self.store().signals(index, device)
 
     def picture(self, view: int, light: int) -> Tensor:
         """The linear picture `[H, W, C]` of one direction pair."""
         pair = view * len(self.light) + light
-        values = self._loaded().pairs(pair, pair + 1)  # [T, 1, C]
+        values = self.store().pairs(pair, pair + 1)  # [T, 1, C]
         return values.view(self.height, self.width, self.channels)
 
     def pictures(self, view: int) -> Tensor:
         """The linear pictures `[L, H, W, C]` of one view under each light."""
         light_count = len(self.light)
         first = view * light_count
-        values = self._loaded().pairs(first, first + light_count)  # [T, L, C]
+        values = self.store().pairs(first, first + light_count)  # [T, L, C]
         return values.unflatten(0, (self.height, self.width)).permute(2, 0, 1, 3)
 
     def views(self, start: int, stop: int) -> Tensor:
         """Linear values `[T, n, L, C]` of n consecutive views, on the CPU."""
         lights = len(self.light)
-        values = self._loaded().pairs(start * lights, stop * lights)
+        values = self.store().pairs(start * lights, stop * lights)
         return values.unflatten(1, (stop - start, lights))
 
     def peak(self) -> float:
@@ -275,12 +288,8 @@ class BTF:
     def _measured_chunks(self, size: int) -> Iterator[Tensor]:
         """Values `[n, D', C]` of the measured pairs, `size` texels at a time."""
         measured = self.measured
-        for chunk in float_chunks(self._loaded(), self.texel_count, size):
+        for chunk in float_chunks(self.store(), self.texel_count, size):
             yield chunk if measured is None else chunk[:, measured]
-
-    def _loaded(self) -> Store:
-        self.load()
-        return cast(Store, self._store)
 
 
 def _kept_gaps(

@@ -25,6 +25,11 @@ class Store(Protocol):
         """Whether a value may exceed 1."""
         ...
 
+    @property
+    def level(self) -> float:
+        """The highest value, or that of some texels where finding it would read all."""
+        ...
+
     def texels(self, index: Index, device: torch.device | str) -> Tensor:
         """Values `[n, D, C]` float32 of some texels, on a device."""
         ...
@@ -51,12 +56,17 @@ class CodeStore:
     Attributes:
         codes: codes `[T, D, B]`.
         expand: expansion of the codes to values.
-        is_hdr: whether a value exceeds 1.
+        level: the highest value.
     """
 
     codes: Codes
     expand: Expansion
-    is_hdr: bool
+    level: float
+
+    @property
+    def is_hdr(self) -> bool:
+        """Whether a value exceeds 1."""
+        return self.level > 1.0
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]`; see `Store.texels`."""
@@ -98,6 +108,11 @@ class CosineStore:
     def is_hdr(self) -> bool:
         """Whether a value of the other store may exceed 1."""
         return self.values.is_hdr
+
+    @property
+    def level(self) -> float:
+        """A bound on the highest value; see `Store.level`."""
+        return self.values.level
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]`; see `Store.texels`."""

@@ -74,7 +74,7 @@ def open_store(source: ViewSource, loading: Loading) -> CodeStore:
     else:
         codes, highest = _into_cache(source, loading)
     check_not_black(highest, source.where)
-    return CodeStore(codes, source.expand, is_hdr=highest > 1.0)
+    return CodeStore(codes, source.expand, highest)
 
 
 def _into_memory(source: ViewSource, loading: Loading) -> tuple[Codes, float]:

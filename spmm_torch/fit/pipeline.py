@@ -97,7 +97,7 @@ def fit(
         btf,
         model,
         context,
-        totals=refit.totals,
+        totals=refit.totals.times(problem.unit**-2),
         weighted=refit.weighted,
         starts=found.starts,
         solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits, refit)),

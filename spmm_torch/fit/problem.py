@@ -29,6 +29,7 @@ class Problem:
         context: of the run.
         pictures: the values as they were measured; the same where the surface is flat.
         relief: of the surface that they show; None: it is flat.
+        unit: power of two by which the values of the input were multiplied.
     """
 
     btf: BTF
@@ -37,11 +38,14 @@ class Problem:
     context: Context
     pictures: BTF
     relief: Relief | None = None
+    unit: float = 1.0
 
     @classmethod
-    def build(cls, btf: BTF, weights: Weights, config: FitConfig, context: Context) -> Problem:
+    def build(
+        cls, btf: BTF, weights: Weights, config: FitConfig, context: Context, unit: float = 1.0
+    ) -> Problem:
         """The problem of a flat surface."""
-        return cls(btf, weights, config, context, btf)
+        return cls(btf, weights, config, context, btf, unit=unit)
 
     def through(self, relief: Relief) -> Problem:
         """The problem of pictures that show a relief."""
