@@ -15,6 +15,7 @@ from ..config.fit import DataConfig
 from ..errors import DataError
 from ..geometry.directions import direction_pairs
 from ..geometry.relief import HeightField
+from ..runtime.device import plain_torch
 from .arrays import check_layout, numpy_values, opener_in_memory
 from .displaced import DisplacedStore
 from .options import ReadOptions
@@ -71,6 +72,7 @@ class BTF:
     _peak: float | None = field(default=None, init=False, repr=False)
 
     @classmethod
+    @plain_torch()
     def from_values(
         cls,
         values: Tensor | np.ndarray,
@@ -192,13 +194,15 @@ class BTF:
 
     def store(self) -> Store:
         """The decoded values."""
-        self.load()
+        if self._store is None:
+            self.load()
         return cast(Store, self._store)
 
     def pairs(self) -> tuple[Tensor, Tensor]:
         """Directions `(wi [D, 3], wo [D, 3])` of the direction pairs d = view * L + light."""
         return direction_pairs(self.light, self.view)
 
+    @plain_torch()
     def load(
         self,
         progress: Progress | None = None,

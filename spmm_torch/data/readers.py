@@ -13,6 +13,7 @@ from typing import Any, Protocol, cast
 
 from ..config.fit import DataConfig
 from ..errors import ConfigError, DataError, alternatives
+from ..runtime.device import plain_torch
 from .btf import BTF
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .selection import Selection, select_part
@@ -52,6 +53,7 @@ READERS: tuple[Reader, ...] = tuple(
 )
 
 
+@plain_torch()
 def load_btf(
     path: Path | str,
     options: ReadOptions = DEFAULT_OPTIONS,

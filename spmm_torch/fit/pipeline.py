@@ -15,7 +15,7 @@ from ..model.spmm import SPMM
 from ..report.contract import Report
 from ..report.summary import summarize, warning_of_failed_starts
 from ..runtime.context import Context
-from ..runtime.device import full_precision
+from ..runtime.device import full_precision, plain_torch
 from ..solvers.status import StatusCounts
 from .align import align
 from .assemble import assemble
@@ -52,6 +52,7 @@ class FitResult:
         return self.figures.to_dict()
 
 
+@plain_torch()
 def fit(
     btf: BTF,
     config: FitConfig | None = None,

@@ -175,7 +175,7 @@ class Components(nn.Module):
 
 
 def changes(tensor: Tensor) -> int:
-    """How often a tensor `[...]` was changed in place; 0 in inference mode, which does not count."""
+    """How often a tensor `[...]` was changed in place; 0 of inference mode, which counts none."""
     return 0 if tensor.is_inference() else tensor._version
 
 

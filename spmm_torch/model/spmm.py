@@ -17,7 +17,7 @@ from ..lobes.ragged import stable_order
 from ..lobes.sampling import LobeTable, lobe_intensity, specular_mask
 from ..runtime import tensor_file
 from ..runtime.atomic import write_atomic
-from ..runtime.device import full_precision
+from ..runtime.device import full_precision, plain_torch
 from . import bounds, file, sampling
 from .components import Components, changes
 from .lookup import SparseWeights, TexelBlocks, blocks_met
@@ -171,6 +171,7 @@ class SPMM(nn.Module):
         return file.to_tensors(parts)
 
     @classmethod
+    @plain_torch()
     def from_tensors(cls, tensors: dict[str, Tensor], metadata: dict[str, str]) -> SPMM:
         """The model of tensors and metadata; see `SPMM.to_tensors`.
 
@@ -289,6 +290,7 @@ class SPMM(nn.Module):
         texel, bilinear = self.texels_seen(uv, wo)
         return sampling.pdf(self.sampling_data(), texel, bilinear, wi, wo).view(shape)
 
+    @plain_torch()
     @torch.no_grad()
     def sampling_data(self) -> sampling.SamplingData:
         """What importance sampling needs, kept until a parameter changes.
