@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..geometry.directions import hemisphere_spiral
@@ -20,7 +20,7 @@ def solid_angles(light: Tensor) -> Tensor:
     Points count by their cosine over that of the light, as values hold it.
     """
     point = hemisphere_spiral(POINTS, QUARTER_TURN).double()
-    nearest = torch.from_numpy(cKDTree(light.double().numpy()).query(point.numpy())[1])
+    nearest = torch.from_numpy(KDTree(light.double().numpy()).query(point.numpy())[1])
     cosine = light[:, 2].double().clamp(min=lowest_cosine(light))
     total = torch.zeros(len(light), dtype=torch.float64).index_add(0, nearest, point[:, 2])
     return total / cosine * (2.0 * torch.pi / POINTS)

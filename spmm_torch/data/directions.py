@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..errors import DataError
@@ -57,7 +57,7 @@ def _refuse(bad: Tensor, directions: Tensor, what: str, remedy: str) -> None:
 
 def _check_distinct(directions: Tensor, where: str) -> None:
     """Refuses `directions [N, 3]` of which two are the same."""
-    pairs = cKDTree(directions.numpy()).query_pairs(SAME_DIRECTION)
+    pairs = KDTree(directions.numpy()).query_pairs(SAME_DIRECTION)
     if pairs:
         first, second = min(pairs)
         raise DataError(
