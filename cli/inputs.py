@@ -5,11 +5,18 @@ Torch takes seconds to import: what is wrong with a name is found before that.
 
 from __future__ import annotations
 
+import argparse
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spmm_torch.config.fit import DataConfig, FitConfig
+from spmm_torch.config.shipped import settings_of
 from spmm_torch.errors import DataError, OutputError
+
+from .parser import Group, file_name
+from .settings import add_settings
 
 if TYPE_CHECKING:
     from spmm_torch.data import BTF
@@ -66,6 +73,37 @@ def check_place(path: str, *, replaces: bool = False) -> None:
     if not folder.is_dir() or not os.access(folder, os.W_OK):
         reason = "is not writable" if folder.is_dir() else "is no folder"
         raise OutputError(f"{path} cannot be written ({folder} {reason}); choose another place.")
+
+
+def add_reading(parser: Group, default: str = "the values of spmm fit --help") -> None:
+    """The options --config, --set and --pattern: how a BTF is read, in the words of a fit."""
+    parser.add_argument(
+        "--config",
+        type=file_name,
+        metavar="YAML",
+        help=f"settings file, as of spmm fit, or the name of one that ships (default: {default})",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="value of one setting, such as data.gamma=1.0 or data.cosine=missing; may be repeated",
+    )
+    add_settings(parser, DataConfig, "pattern")
+
+
+def reading(options: argparse.Namespace, default: FitConfig | None = None) -> FitConfig:
+    """The settings of --config, else `default`, else those that ship, changed by --set.
+
+    Raises:
+        ConfigError: a file that cannot be read, an unknown key, or a value out of its range.
+    """
+    given = settings_of(options.config) if options.config else default or FitConfig()
+    found = given.override(options.set)
+    if options.pattern is None:
+        return found
+    return replace(found, data=replace(found.data, pattern=options.pattern))
 
 
 def decode(btf: BTF, progress: Progress, cache: str | None = None) -> None:

@@ -51,6 +51,7 @@ COMMANDS: dict[str, Command] = {
         "fit a model to a BTF",
         "stopped; the same command with --resume goes on from the last finished stage.",
     ),
+    "check": Command("look at the values of a BTF before a fit"),
     "evaluate": Command("judge a run: errors, MSSIM, and where it fails"),
     "figures": Command("draw the figures of the paper for a run", NOTHING_WRITTEN),
     "render": Command("render a model or a BTF on a sphere or a plane", NOTHING_WRITTEN),
@@ -72,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
         arguments: of the command line, without the name of the program; None: those of the process.
 
     Returns:
-        The exit code: 0, 2 for bad input, 130 after Ctrl-C.
+        The exit code: 0, 1 where a command says so in its help, 2 for bad input, 130 after Ctrl-C.
 
     Raises:
         SystemExit: after a help text was printed.
@@ -114,7 +115,7 @@ def run_command(given: Sequence[str], command: str | None) -> int:
     if unknown:
         options.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     print_lines(module_of(options.command).run(options))
-    return 0
+    return options.exit_code
 
 
 def complain(text: str, code: int) -> int:
@@ -170,7 +171,7 @@ def parser(commands: Sequence[str] = tuple(COMMANDS)) -> Parser:
             help=command.meaning,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        added.set_defaults(parser=added)
+        added.set_defaults(parser=added, exit_code=0)
         if name in commands:
             module = module_of(name)
             added.description = inspect.getdoc(module)

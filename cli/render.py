@@ -6,11 +6,11 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from spmm_torch.config.fit import DataConfig, FitConfig
+from spmm_torch.config.fit import FitConfig
 from spmm_torch.config.render import LIGHT_FORMS, SceneConfig, check_output
 from spmm_torch.errors import ConfigError
 
-from .inputs import check_input, check_place, check_run, decode
+from .inputs import add_reading, check_input, check_place, check_run, decode, reading
 from .parser import Parser, add_cache, add_output, file_name, number, whole_number
 from .settings import add_settings, read_settings
 
@@ -29,7 +29,7 @@ def add_options(parser: Parser) -> None:
     add("run", nargs="?", type=file_name, metavar="RUN", help="run folder or model file")
     add_output(parser, "OUT", "picture to make: .png, .exr (linear), or .gif of a turntable")
     add("--input", type=file_name, metavar="BTF", help="BTF to render instead of RUN")
-    add_settings(parser, DataConfig, "cosine", "negative", "pattern")
+    add_reading(parser, "that of RUN, if given: BTF is then read as its fit read it")
     add_settings(parser, SceneConfig, "shape", "repeat", "camera")
     add(
         "--light",
@@ -99,11 +99,13 @@ def load_material(
     from spmm_torch.data import load_input
     from spmm_torch.model.spmm import SPMM
     from spmm_torch.render import BTFMaterial
+    from spmm_torch.runs.inputs import run_settings
 
     if options.input is None:
         model = SPMM.load(options.run, device)
         return model, model.width / model.height
-    btf = load_input(options.input, read_settings(DataConfig, options))
+    config = reading(options, run_settings(options.run) if options.run else None)
+    btf = load_input(options.input, config.data, config.seed)
     decode(btf, progress, options.cache)
     return BTFMaterial.build(btf, device), btf.width / btf.height
 

@@ -32,6 +32,10 @@ class Totals:
         names = ("without_residual", "with_residual", "cluster_mean")
         return {name: snr_db(self.energy, getattr(self, name)) for name in names}
 
+    def times(self, factor: float) -> Totals:
+        """The four sums times a factor."""
+        return Totals(*(factor * value for value in self.row()))
+
     @staticmethod
     def sum(parts: Iterable[Totals]) -> Totals:
         """The sums over all parts."""

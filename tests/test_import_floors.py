@@ -21,7 +21,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"runtime", "brdf"}),
     frozenset({"config"}),
     frozenset({"solvers", "data", "lobes"}),
-    frozenset({"model", "synthesize"}),
+    frozenset({"check", "model", "synthesize"}),
     frozenset({"__init__"}),
     frozenset({"render", "edit"}),
     frozenset({"report"}),

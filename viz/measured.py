@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from ..config.fit import FitConfig
-from ..data import BTF, load_input
+from ..data import BTF
 from ..errors import DataError
 from ..geometry.directions import texel_at
 from ..geometry.relief import texel_centres
 from ..model.spmm import SPMM
-from ..report.contract import FILE_NAME as REPORT
-from ..runs.folder import CONFIG
+from ..runs.inputs import has_input, read_input
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,8 @@ class Measured:
 def measured_samples(btf: BTF, model: SPMM, texel: int, wo: Tensor) -> Measured:
     """The samples of a texel under the measured view nearest to wo `[3]`; decodes only these.
 
-    A relief shifts the texel in the picture of the view: what is seen there may stand before it.
+    Pairs without a picture are no samples. A relief shifts the texel in the picture of the view:
+    what is seen there may stand before it.
 
     Raises:
         DataError: the BTF has another size than the model.
@@ -47,11 +45,16 @@ def measured_samples(btf: BTF, model: SPMM, texel: int, wo: Tensor) -> Measured:
             f"{btf.path} has {btf.width} x {btf.height} texels and the model {model.width} x "
             f"{model.height}; expected the BTF of the model; give another --against."
         )
-    view = int(torch.argmax(btf.view @ wo.to(btf.view)))
+    pictures = torch.ones(len(btf.view), len(btf.light), dtype=torch.bool)
+    if btf.missing is not None:
+        pictures = ~btf.missing
+    near = btf.view @ wo.to(btf.view)  # [V]
+    view = int(near.masked_fill(~pictures.any(1), -torch.inf).argmax())
+    lights = torch.nonzero(pictures[view]).squeeze(1)
     index, weight = _places(model, texel, btf.view[view])  # [n]
-    part = btf.restricted(index, (1, len(index)), views=torch.tensor([view]))
+    part = btf.restricted(index, (1, len(index)), views=torch.tensor([view]), lights=lights)
     value = (part.texels() * weight[:, None, None]).sum(0)  # [L, C]
-    return Measured(btf.view[view], btf.light, value)
+    return Measured(part.view[0], part.light, value)
 
 
 def _places(model: SPMM, texel: int, wo: Tensor) -> tuple[Tensor, Tensor]:
@@ -68,19 +71,13 @@ def _places(model: SPMM, texel: int, wo: Tensor) -> tuple[Tensor, Tensor]:
 def measured_input(run: Path, against: str | None, pattern: str | None = None) -> BTF | None:
     """The BTF `against`, or else the input of the run; None where that no longer exists.
 
-    It is read with the data settings of the run: gamma, cosine and crop, and the names of pictures
-    unless `pattern` says how they are named.
+    It is read as the fit of the run read it, but for the names of pictures where `pattern` says how
+    they are named.
 
     Raises:
+        ConfigError: the settings of the run are gone or not valid.
         DataError: the BTF cannot be read.
     """
-    config_file, report_file = run / CONFIG, run / REPORT
-    config = FitConfig.from_yaml(config_file) if config_file.is_file() else FitConfig()
-    if against is None:
-        if not report_file.is_file():
-            return None
-        against = json.loads(report_file.read_text(encoding="utf-8")).get("input")
-        if not against or not Path(against).exists():
-            return None
-    settings = replace(config.data, pattern=pattern or config.data.pattern)
-    return load_input(against, settings, config.seed)
+    if against is None and not has_input(run):
+        return None
+    return read_input(run, against, pattern)

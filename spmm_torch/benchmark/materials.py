@@ -33,6 +33,11 @@ class TiledStore:
     gain: Tensor
     is_hdr: bool = False
 
+    @property
+    def level(self) -> float:
+        """A bound on the highest value; see `Store.level`."""
+        return self.base.level * float(self.gain.max())
+
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]` float32."""
         chosen = slice(None) if index is None else index

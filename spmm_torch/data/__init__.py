@@ -12,7 +12,7 @@ from ..runtime.lazy import lazy_names
 if TYPE_CHECKING:
     from .btf import BTF
     from .options import ReadOptions
-    from .readers import READERS, load_btf, load_input, sample_path
+    from .readers import READERS, load_btf, load_input, obeying, sample_path
     from .selection import Selection, select_part
     from .store import Progress
     from .writers.npz import write_npz
@@ -25,6 +25,7 @@ __all__ = [
     "Selection",
     "load_btf",
     "load_input",
+    "obeying",
     "sample_path",
     "select_part",
     "write_npz",
@@ -40,6 +41,7 @@ __getattr__, __dir__ = lazy_names(
         "Selection": ".selection",
         "load_btf": ".readers",
         "load_input": ".readers",
+        "obeying": ".readers",
         "sample_path": ".readers",
         "select_part": ".selection",
         "write_npz": ".writers.npz",

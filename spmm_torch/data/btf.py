@@ -12,9 +12,11 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
+from ..config.fit import DataConfig
 from ..errors import DataError
 from ..geometry.directions import direction_pairs
 from ..geometry.relief import HeightField
+from ..runtime.device import plain_torch
 from .arrays import array_hash, check_layout, numpy_values, opener_in_memory
 from .cache import entry_key, source_content
 from .displaced import DisplacedStore
@@ -56,6 +58,7 @@ class BTF:
         names: of the materials of texels that are no neighbours, T of them; None: a texture.
         content: function that gives checksums or hashes of the source, whatever its name; None:
             the bytes of all files at `path` tell.
+        read_as: the settings that it was read by.
     """
 
     name: str
@@ -76,10 +79,12 @@ class BTF:
     notes: tuple[str, ...] = field(default=(), repr=False)
     names: tuple[str, ...] | None = field(default=None, repr=False)
     content: Callable[[], object] | None = field(default=None, repr=False)
+    read_as: DataConfig = field(default=DataConfig(), repr=False)
     _store: Store | None = field(default=None, init=False, repr=False)
     _peak: float | None = field(default=None, init=False, repr=False)
 
     @classmethod
+    @plain_torch()
     def from_values(
         cls,
         values: ArrayLike,
@@ -110,7 +115,8 @@ class BTF:
         opener, itemsize = opener_in_memory(array, where), array.dtype.itemsize
         btf = cls(name, "", height, width, view, light, itemsize, opener, hdr=None)
         btf.content = partial(array_hash, array)
-        return replace(btf, negative=ReadOptions(negative=negative).negative).load()
+        options = ReadOptions(negative=negative)
+        return replace(btf, negative=options.negative, read_as=options.settings()).load()
 
     def restricted(
         self,
@@ -157,8 +163,12 @@ class BTF:
         """
 
         def open_store(_part: Part, _loading: Loading) -> Store:
-            return DisplacedStore(self._loaded(), field, self.view, len(self.light), drift)
+            return DisplacedStore(self.store(), field, self.view, len(self.light), drift)
 
+        return self.over(open_store)
+
+    def over(self, open_store: Callable[[Part, Loading], Store]) -> BTF:
+        """The BTF whose store reads the decoded values of this one, as `open_store` says."""
         return replace(self, open_store=open_store, cosine_missing=False)
 
     def identity(self) -> str:
@@ -181,7 +191,7 @@ class BTF:
             return self.content()
         if self.path:
             return source_content(Path(self.path))
-        chunks = float_chunks(self._loaded(), self.texel_count, CHUNK_TEXELS)
+        chunks = float_chunks(self.store(), self.texel_count, CHUNK_TEXELS)
         return [array_hash(chunk.numpy()) for chunk in chunks]
 
     @property
@@ -213,12 +223,23 @@ class BTF:
     @property
     def is_hdr(self) -> bool:
         """Whether values may exceed 1; decodes them where the header does not tell."""
-        return self._loaded().is_hdr if self.hdr is None else self.hdr
+        return self.store().is_hdr if self.hdr is None else self.hdr
+
+    def level(self) -> float:
+        """The highest value; if values are streamed, that of some texels."""
+        return self.store().level
+
+    def store(self) -> Store:
+        """The decoded values."""
+        if self._store is None:
+            self.load()
+        return cast(Store, self._store)
 
     def pairs(self) -> tuple[Tensor, Tensor]:
         """Directions `(wi [D, 3], wo [D, 3])` of the direction pairs d = view * L + light."""
         return direction_pairs(self.light, self.view)
 
+    @plain_torch()
     def load(
         self,
         progress: Progress | None = None,
@@ -263,7 +284,7 @@ class BTF:
             DataError: a picture cannot be decoded, or a value is not valid.
             OutputError: the decoded values cannot be read or written on disk.
         """
-        return self._loaded().texels(index, device)
+        return self.store().texels(index, device)
 
     def signals(
         self, index: Tensor | slice | None = None, device: torch.device | str = "cpu"
@@ -273,31 +294,31 @@ class BTF:
         Raises:
             DataError, OutputError: as for `texels`.
         """
-        return self._loaded().signals(index, device)
+        return self.store().signals(index, device)
 
     def picture(self, view: int, light: int) -> Tensor:
         """The linear picture `[H, W, C]` of one direction pair."""
         pair = view * len(self.light) + light
-        values = self._loaded().pairs(pair, pair + 1)  # [T, 1, C]
+        values = self.store().pairs(pair, pair + 1)  # [T, 1, C]
         return values.view(self.height, self.width, self.channels)
 
     def pictures(self, view: int) -> Tensor:
         """The linear pictures `[L, H, W, C]` of one view under each light."""
         light_count = len(self.light)
         first = view * light_count
-        values = self._loaded().pairs(first, first + light_count)  # [T, L, C]
+        values = self.store().pairs(first, first + light_count)  # [T, L, C]
         return values.unflatten(0, (self.height, self.width)).permute(2, 0, 1, 3)
 
     def views(self, start: int, stop: int) -> Tensor:
         """Linear values `[T, n, L, C]` of n consecutive views, on the CPU."""
         lights = len(self.light)
-        values = self._loaded().pairs(start * lights, stop * lights)
+        values = self.store().pairs(start * lights, stop * lights)
         return values.unflatten(1, (stop - start, lights))
 
     def planes(self, view: int) -> Tensor:
         """Linear values `[C, T, L]` of one view, channel by channel, on the CPU."""
         lights = len(self.light)
-        return self._loaded().planes(view * lights, (view + 1) * lights)
+        return self.store().planes(view * lights, (view + 1) * lights)
 
     def peak(self) -> float:
         """The peak of the PSNR: 1.0 for LDR, the exact 99.9th percentile of values for HDR."""
@@ -313,12 +334,8 @@ class BTF:
     def _measured_chunks(self, size: int) -> Iterator[Tensor]:
         """Values `[n, D', C]` of the measured pairs, `size` texels at a time."""
         measured = self.measured
-        for chunk in float_chunks(self._loaded(), self.texel_count, size):
+        for chunk in float_chunks(self.store(), self.texel_count, size):
             yield chunk if measured is None else chunk[:, measured]
-
-    def _loaded(self) -> Store:
-        self.load()
-        return cast(Store, self._store)
 
 
 def _kept_gaps(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import torch
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..errors import DataError
@@ -57,10 +57,9 @@ def _refuse(bad: Tensor, directions: Tensor, what: str, remedy: str) -> None:
 
 def _check_distinct(directions: Tensor, where: str) -> None:
     """Refuses `directions [N, 3]` of which two are the same."""
-    distance = torch.cdist(directions, directions, compute_mode="donot_use_mm_for_euclid_dist")
-    same = (distance < SAME_DIRECTION).triu(diagonal=1)  # [N, N]
-    if same.any():
-        first, second = same.nonzero()[0].tolist()
+    pairs = KDTree(directions.numpy()).query_pairs(SAME_DIRECTION)
+    if pairs:
+        first, second = min(pairs)
         raise DataError(
             f"{where} holds the same direction twice, as numbers {first} and {second} (from 0); "
             f"expected distinct directions; remove one together with its pictures."

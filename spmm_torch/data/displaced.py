@@ -41,6 +41,11 @@ class DisplacedStore:
         """Whether a value of the other store may exceed 1."""
         return self.values.is_hdr
 
+    @property
+    def level(self) -> float:
+        """A bound on the highest value; see `Store.level`."""
+        return self.values.level
+
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]`; see `Store.texels`."""
         pixel = self._pixels(self._rows(index))  # [n, V]

@@ -86,6 +86,17 @@ class ReadOptions:
             rings=settings.rings,
         )
 
+    def settings(self) -> DataConfig:
+        """The settings of a fit that mean these options."""
+        return DataConfig(
+            gamma=self.gamma,
+            cosine=self.cosine,
+            negative=self.negative,
+            missing=self.missing,
+            pattern=self.pattern,
+            rings=self.rings,
+        )
+
     @property
     def thread_count(self) -> int:
         """The number of threads to start."""

@@ -6,13 +6,14 @@ A new format is one module and one line in `NAMES`.
 from __future__ import annotations
 
 import zipfile
-from dataclasses import replace
+from dataclasses import fields, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, cast
 
 from ..config.fit import DataConfig
-from ..errors import DataError, alternatives
+from ..errors import ConfigError, DataError, alternatives
+from ..runtime.device import plain_torch
 from . import picture_set
 from .btf import BTF
 from .codecs import SUFFIXES
@@ -60,6 +61,7 @@ READERS: tuple[Reader, ...] = tuple(
 )
 
 
+@plain_torch()
 def load_btf(
     path: Path | str,
     options: ReadOptions = DEFAULT_OPTIONS,
@@ -81,8 +83,11 @@ def load_btf(
         DataError: there is nothing, of no known format, malformed, or without the selected part.
         ConfigError: an option or the selection is malformed or out of its range.
     """
-    btf = _read(path, replace(options, **changes))
-    return btf if selection is None else select_part(btf, selection, seed)
+    options = replace(options, **changes)
+    btf = replace(_read(path, options), read_as=options.settings())
+    if selection is None:
+        return btf
+    return replace(select_part(btf, selection, seed), read_as=selection.added_to(btf.read_as))
 
 
 def load_input(path: Path | str, settings: DataConfig, seed: int = 0) -> BTF:
@@ -96,9 +101,63 @@ def load_input(path: Path | str, settings: DataConfig, seed: int = 0) -> BTF:
     return load_btf(path, options, selection=selection, seed=seed)
 
 
+def obeying(btf: BTF, settings: DataConfig, seed: int = 0) -> BTF:
+    """A BTF as the settings of a fit ask for it, however it was opened; else the BTF itself.
+
+    A setting at its default asks for nothing. Gamma, gaps, names and rings concern files alone.
+
+    Args:
+        btf: opened by `load_btf`, made from values, or a part of such.
+        settings: of the fit.
+        seed: seed of the random choice of texels.
+
+    Raises:
+        ConfigError: a part is asked for, and the BTF is another part already.
+        DataError: the file is gone or changed, or has no such part.
+    """
+    asked = _asked(btf.read_as, settings)
+    if {"gamma", "missing", "pattern", "rings"} & asked.keys() and btf.path:
+        options = ReadOptions.of(replace(btf.read_as, **asked))
+        btf = _same_part(load_btf(btf.path, options), btf)
+    if "negative" in asked:
+        btf = replace(btf, negative=settings.negative)
+    if "cosine" in asked:
+        btf = replace(btf, cosine_missing=settings.cosine == "missing")
+    parts = sorted({"crop", "texels", "directions"} & asked.keys())
+    if not parts:
+        return btf
+    if not btf.part.is_whole:
+        raise ConfigError(
+            f"data.{parts[0]} is {asked[parts[0]]!r} in the settings of this fit, but the BTF is a "
+            f"part of {btf.name} already; expected one of the two; take all of it by load_btf, or "
+            f"leave data.{parts[0]} out."
+        )
+    return select_part(btf, Selection.of(settings), seed)
+
+
 def sample_path() -> Path:
     """The path of the bundled sample, 40 x 40 texels of a path-traced plain weave (UBO2003)."""
     return Path(__file__).parent / "sample" / SAMPLE_NAME
+
+
+def _asked(read_as: DataConfig, settings: DataConfig) -> dict[str, Any]:
+    """The settings that are not at their default, and by which a BTF was not read."""
+    default = DataConfig()
+    names = [item.name for item in fields(DataConfig)]
+    return {
+        name: value
+        for name in names
+        if (value := getattr(settings, name))
+        not in (getattr(default, name), getattr(read_as, name))
+    }
+
+
+def _same_part(whole: BTF, other: BTF) -> BTF:
+    """The part of a whole BTF that another one of the same source is."""
+    if other.part.is_whole:
+        return whole
+    part, size = other.part, (other.height, other.width)
+    return whole.restricted(part.texels, size, views=part.views, lights=part.lights)
 
 
 def _read(path: Path | str, options: ReadOptions) -> BTF:

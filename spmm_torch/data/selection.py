@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -41,6 +41,11 @@ class Selection:
     def of(cls, settings: DataConfig) -> Selection:
         """The part in the settings of a fit."""
         return cls(settings.crop, settings.texels, settings.directions)
+
+    def added_to(self, settings: DataConfig) -> DataConfig:
+        """Settings of a fit that name this part."""
+        crop = None if self.crop is None else tuple(self.crop)
+        return replace(settings, crop=crop, texels=self.texels, directions=self.directions)
 
 
 def select_part(btf: BTF, selection: Selection, seed: int = 0) -> BTF:

@@ -25,6 +25,11 @@ class Store(Protocol):
         """Whether a value may exceed 1."""
         ...
 
+    @property
+    def level(self) -> float:
+        """The highest value, or that of some texels where finding it would read all."""
+        ...
+
     def texels(self, index: Index, device: torch.device | str) -> Tensor:
         """Values `[n, D, C]` float32 of some texels, on a device."""
         ...
@@ -55,12 +60,17 @@ class CodeStore:
     Attributes:
         codes: codes `[T, D, B]`.
         expand: expansion of the codes to values.
-        is_hdr: whether a value exceeds 1.
+        level: the highest value.
     """
 
     codes: Codes
     expand: Expansion
-    is_hdr: bool
+    level: float
+
+    @property
+    def is_hdr(self) -> bool:
+        """Whether a value exceeds 1."""
+        return self.level > 1.0
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]`; see `Store.texels`."""
@@ -111,6 +121,11 @@ class ScaledStore:
     def is_hdr(self) -> bool:
         """Whether a value may exceed 1."""
         return self.values.is_hdr or float(self.factor.max()) > 1.0
+
+    @property
+    def level(self) -> float:
+        """A bound on the highest value; see `Store.level`."""
+        return self.values.level * float(self.factor.max())
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, D, C]`; see `Store.texels`."""

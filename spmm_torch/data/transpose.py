@@ -74,7 +74,7 @@ def open_store(source: ViewSource, loading: Loading) -> CodeStore:
     else:
         codes, highest = _into_cache(source, loading)
     check_not_black(highest, source.where)
-    return CodeStore(codes, source.expand, is_hdr=highest > 1.0)
+    return CodeStore(codes, source.expand, highest)
 
 
 def _into_memory(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
@@ -153,7 +153,8 @@ def _checked_highest(source: ViewSource, view: int, pictures: np.ndarray, lowest
         place = f"row {texel // source.columns}, column {texel % source.columns}"
     value = float(values[light, texel, channel])
     option = (
-        "give data.negative (--set of a fit, else --negative) as clip or keep if they are noise"
+        "if they are noise, give data.negative as clip or keep (--set, or FitConfig), or "
+        "negative= of load_btf and BTF.from_values"
         if math.isfinite(value)
         else "mend or replace those values before saving"
     )

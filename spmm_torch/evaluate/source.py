@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from ..config.fit import FitConfig
-from ..data import BTF, load_input
-from ..errors import DataError, OutputError
+from ..data import BTF
+from ..errors import DataError
 from ..model.spmm import SPMM
-from ..report.contract import FILE_NAME as REPORT_FILE
-from ..runs.folder import CONFIG
+from ..runs.inputs import read_input, read_report
 
 # Measured directions closer than this are the same, in radians: a hundredth of the resolution of
 # the formats.
@@ -84,15 +81,8 @@ def open_source(
     folder = Path(run)
     model = SPMM.load(folder, device)
     report = read_report(folder)
-    config = FitConfig.from_yaml(folder / CONFIG)
-    path = Path(report["input"] if against is None else against)
-    if against is None and not path.exists():
-        raise DataError(
-            f"the input of {run}, {path}, does not exist; expected it where it was when the run "
-            f"was made; give its present path with --against."
-        )
-    settings = replace(config.data, directions=None, pattern=pattern or config.data.pattern)
-    btf = load_input(path, settings, config.seed)
+    btf = read_input(folder, against, pattern, all_directions=True)
+    path = btf.path
     _check_size(btf, model, path, folder)
     views, lights = _seen(btf.view, model.view), _seen(btf.light, model.light)
     if views.sum() != len(model.view) or lights.sum() != len(model.light):
@@ -104,26 +94,7 @@ def open_source(
     return Source(folder, report, model, btf, views, lights)
 
 
-def read_report(run: Path) -> dict[str, Any]:
-    """The figures of a run.
-
-    Raises:
-        OutputError: the report does not exist, or is malformed.
-    """
-    path = run / REPORT_FILE
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise OutputError(
-            f"{path} cannot be read ({error}); expected the report of a run; give the folder that "
-            f"spmm fit has made."
-        ) from error
-    if not isinstance(report, dict) or "input" not in report:
-        raise OutputError(f"{path} names no input; expected the report of a run; fit it anew.")
-    return report
-
-
-def _check_size(btf: BTF, model: SPMM, path: Path, run: Path) -> None:
+def _check_size(btf: BTF, model: SPMM, path: str, run: Path) -> None:
     if (btf.height, btf.width) != (model.height, model.width):
         raise DataError(
             f"{path} has {btf.width} x {btf.height} texels under the settings of {run}, whose "

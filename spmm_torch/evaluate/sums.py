@@ -65,10 +65,11 @@ def squared_errors(
     sums = torch.zeros(shape, dtype=torch.float64, device=device)
     counted = fitted.to(device, torch.float64)
     for part in predicted_blocks(model, btf, block, progress):
-        # In float64: the errors of cluster means are a small difference of large energies.
+        # In float64: the errors of cluster means are a small difference of large energies, and
+        # squares of values in another unit leave the range of float32.
         squares = [part.value.double().square().sum(-1)]  # [n, d]
         for predicted in (part.lobes, part.whole):
-            squares.append((predicted - part.value).square().sum(-1).double())
+            squares.append((predicted - part.value).double().square().sum(-1))
         by_pair[:, part.pairs] += torch.stack([each.sum(0) for each in squares])
         weighted = [squares[number] @ counted[part.pairs] for number in (0, 2)]
         by_texel[:, part.texels] += torch.stack(weighted)

@@ -15,14 +15,14 @@ from .refit.stage import Refit
 
 
 def assemble(problem: Problem, clusters: Clusters, found: Mixtures, refit: Refit) -> SPMM:
-    """The model on the CPU [WDR11 Eq. 2]."""
-    btf = problem.pictures
+    """The model on the CPU [WDR11 Eq. 2], in the unit of the input."""
+    btf, unit = problem.pictures, problem.unit
     components = None
     if refit.components is not None:
         found_parts = refit.components
         components = Components(
             found_parts.code.cpu(),
-            found_parts.scale.cpu(),
+            found_parts.scale.cpu() / unit,
             found_parts.coefficient.cpu(),
             found_parts.coefficient_scale.cpu(),
             btf.light,
@@ -30,13 +30,14 @@ def assemble(problem: Problem, clusters: Clusters, found: Mixtures, refit: Refit
         )
     empty = torch.zeros(0, len(btf.view), len(btf.light), btf.channels, dtype=torch.float16)
     code, scale = refit.clusters or (empty, torch.zeros(0))
+    entries = refit.entries
     return SPMM(
         btf.height,
         btf.width,
         found.lobes,
-        SparseWeights(*(part.cpu() for part in vars(refit.entries).values())),
+        SparseWeights(entries.offset.cpu(), entries.index.cpu(), entries.weight.cpu() / unit),
         clusters.labels,
-        Residual(code, scale, btf.light, btf.view),
+        Residual(code, scale / unit, btf.light, btf.view),
         btf.light,
         btf.view,
         btf.name,

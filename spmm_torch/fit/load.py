@@ -8,6 +8,7 @@ from ..config.fit import FitConfig
 from ..data import BTF
 from ..data.cache import default_folder
 from ..data.error_weights import Weights
+from ..data.units import scaled, unit_of
 from ..runs.fingerprint import fingerprint, key_of
 from ..runtime.context import Context
 from .glossy.objective import Objective
@@ -26,7 +27,7 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
         weights: of the errors; None: those of the settings.
 
     Raises:
-        DataError: the BTF cannot be decoded or is not valid.
+        DataError: the BTF cannot be decoded, is not valid, or holds a hot pixel.
         ConfigError: the memory limit is too low.
     """
     weights = given_weights(btf, config.weights) if weights is None else weights
@@ -44,8 +45,10 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
         btf.load(stage.to, memory=budget.spare, cache=cache)
     kept = plan.kept_bytes(budget, cached)
     context = replace(context, budget=replace(budget, kept=kept), cache=cache)
+    unit = unit_of(btf)
+    btf = scaled(btf, unit)
     objective = Objective.of(btf, config, context.device)
     if told := objective.describe():
         context.progress.say(told)
     compressive = compressive_weights(btf, objective, context.device, context.ranks)
-    return Problem.build(btf, weights.times(compressive), config, context, objective)
+    return Problem.build(btf, weights.times(compressive), config, context, objective, unit)

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from ..config.fit import FitConfig
-from ..data import BTF
+from ..data import BTF, obeying
 from ..data.error_weights import Weights
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
@@ -19,7 +19,7 @@ from ..report.summary import (
     warning_of_narrow_lobes,
 )
 from ..runtime.context import Context
-from ..runtime.device import full_precision
+from ..runtime.device import full_precision, plain_torch
 from ..solvers.status import StatusCounts
 from .align import align
 from .assemble import assemble
@@ -57,6 +57,7 @@ class FitResult:
         return self.figures.to_dict()
 
 
+@plain_torch()
 def fit(
     btf: BTF,
     config: FitConfig | None = None,
@@ -68,7 +69,7 @@ def fit(
     """Fits a model to a BTF [WDR11 §3.2, §4.1].
 
     Args:
-        btf: measured reflectance.
+        btf: measured reflectance; `config.data` is obeyed however it was opened.
         config: settings; the defaults are those of `configs/default.yaml`.
         context: of the run; None: device and seed of the settings, without messages.
         weights: of the errors; None: those of the settings.
@@ -82,6 +83,7 @@ def fit(
     """
     config = with_lobe_limit(config or FitConfig())
     context = context or Context.build(config.device, config.seed)
+    btf = obeying(btf, config.data, config.seed)
     with torch.no_grad(), full_precision(), context.watch("total"):
         problem = align(load(btf, config, context, weights))
         clusters = cluster_texels(problem)  # §4.1, k-means
@@ -104,7 +106,7 @@ def fit(
         btf,
         model,
         context,
-        totals=refit.totals,
+        totals=refit.totals.times(problem.unit**-2),
         weighted=refit.weighted,
         objective=objective,
         starts=found.starts,

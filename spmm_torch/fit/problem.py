@@ -31,6 +31,7 @@ class Problem:
         pictures: the values as they were measured; the same where the surface is flat.
         objective: what is minimized.
         relief: of the surface that they show; None: it is flat.
+        unit: power of two by which the values of the input were multiplied.
     """
 
     btf: BTF
@@ -40,6 +41,7 @@ class Problem:
     pictures: BTF
     objective: Objective = PLAIN
     relief: Relief | None = None
+    unit: float = 1.0
 
     @classmethod
     def build(
@@ -49,9 +51,10 @@ class Problem:
         config: FitConfig,
         context: Context,
         objective: Objective = PLAIN,
+        unit: float = 1.0,
     ) -> Problem:
         """The problem of a flat surface."""
-        return cls(btf, weights, config, context, btf, objective)
+        return cls(btf, weights, config, context, btf, objective, unit=unit)
 
     def through(self, relief: Relief) -> Problem:
         """The problem of pictures that show a relief."""

@@ -162,7 +162,7 @@ class Components(nn.Module):
         parts = (self.code, self.scale, self.coefficient, self.coefficient_scale)
         if any(part.requires_grad for part in parts):
             return self._decoded(dtype)
-        state = (dtype, *((part.data_ptr(), _changes(part)) for part in parts))
+        state = (dtype, *((part.data_ptr(), changes(part)) for part in parts))
         if self._kept is None or self._kept[0] != state:
             self._kept = state, self._decoded(dtype)
         return self._kept[1]
@@ -174,8 +174,8 @@ class Components(nn.Module):
         return functions.permute(1, 2, 0, 3).flatten(2).flatten(0, 1), coefficients
 
 
-def _changes(tensor: Tensor) -> int:
-    """How often a tensor was changed in place; 0 in inference mode, which does not count."""
+def changes(tensor: Tensor) -> int:
+    """How often a tensor `[...]` was changed in place; 0 of inference mode, which counts none."""
     return 0 if tensor.is_inference() else tensor._version
 
 

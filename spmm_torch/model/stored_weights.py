@@ -147,4 +147,4 @@ def _scale(limits: Tensor, last: int) -> Tensor:
     least, largest = limits.double().unbind(1)
     share = torch.arange(last, dtype=torch.float64)[:, None] / (last - 1)
     places = least * (largest / least) ** share
-    return torch.cat((torch.zeros(1, len(limits)), places.float()))
+    return torch.cat((places.new_zeros(1, len(limits)), places)).float()

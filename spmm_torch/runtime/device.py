@@ -55,6 +55,21 @@ def full_precision() -> Iterator[None]:
             product.fp32_precision = precision
 
 
+@contextmanager
+def plain_torch() -> Iterator[None]:
+    """PyTorch as it starts: float32 by default and no inference mode, whatever the program has set.
+
+    A fit differentiates, and makes many small tensors. The default type is one for all threads.
+    """
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(torch.float32)
+    try:
+        with torch.inference_mode(False):
+            yield
+    finally:
+        torch.set_default_dtype(before)
+
+
 def local_device(name: str) -> str:
     """The name of the device of this rank; several GPUs are dealt out to the ranks in turn."""
     rank = launched("LOCAL_RANK", -1)

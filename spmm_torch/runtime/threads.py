@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -9,6 +10,9 @@ from threading import Event
 from typing import TypeVar
 
 import torch
+
+# A forked child has none of the threads of its parent, and waits for them for ever.
+os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -163,7 +163,7 @@ def as_btf(pictures: np.ndarray, view: Tensor, light: Tensor, name: str, hdr: bo
     view_count, light_count, height, width, channels = pictures.shape
     flat = torch.from_numpy(pictures).view(view_count * light_count, height * width, channels)
     codes = MemoryCodes(flat.transpose(0, 1))  # [T, D, C]
-    store = CodeStore(codes, FloatExpansion(), is_hdr=hdr)
+    store = CodeStore(codes, FloatExpansion(), float(pictures.max()))
     return BTF(
         name=name,
         path="",

@@ -10,7 +10,7 @@ from spmm_torch.data.readers import sample_path
 
 
 def test_strips_are_the_values_of_one_view() -> None:
-    base = load_btf(sample_path()).load()._loaded()
+    base = load_btf(sample_path()).load().store()
     gain = torch.rand(3, 3, generator=torch.Generator().manual_seed(0))
     store = TiledStore(base, torch.tensor([3, 5, 9]), gain)
     texel, view = torch.tensor([0, 2]), torch.tensor([7, 1])

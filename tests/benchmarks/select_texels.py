@@ -47,7 +47,7 @@ def tiled_codes(side: int) -> BTF:
     codes = torch.empty(len(texel), btf.pair_count, btf.channels, dtype=torch.uint8)
     for block in slices(len(texel), PRODUCT_TEXELS):
         codes[block] = (store.codes.rows(texel[block]) * gain[block, None]).round_().byte()
-    whole = CodeStore(MemoryCodes(codes), store.expand, is_hdr=False)
+    whole = CodeStore(MemoryCodes(codes), store.expand, store.level)
     return replace(btf, height=side, width=side, open_store=lambda part, loading: whole)
 
 

@@ -322,17 +322,6 @@ def directions_on_hemisphere(count: int, generator: torch.Generator) -> Tensor:
     return direction_from_angles(torch.arccos(u[:, 0]), 2.0 * math.pi * u[:, 1])
 
 
-def test_sampling_data_are_kept_until_they_are_renewed(model: SPMM) -> None:
-    wi, wo = directions(20, 1), directions(20, 2)
-    before = model.pdf(centre(2), wi, wo)
-    model.weight.data *= torch.linspace(0.0, 1.0, len(model.weight))[:, None]
-    assert torch.equal(model.pdf(centre(2), wi, wo), before)
-    model.sampling_data(renew=True)
-    fresh = SPMM.from_tensors(*model.to_tensors())
-    assert torch.equal(model.pdf(centre(2), wi, wo), fresh.pdf(centre(2), wi, wo))
-    assert not torch.allclose(model.pdf(centre(2), wi, wo), before)
-
-
 def test_sampling_shapes(model: SPMM) -> None:
     wo = directions(5, 1)
     wi, rgb, density = model.sample(centre(3), wo[None], torch.rand(2, 5, 3))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -99,3 +101,23 @@ def test_in_threads_does_every_item_and_raises() -> None:
 
     with pytest.raises(ValueError, match=r"\d"):
         in_threads(fail, range(50))
+
+
+FORKED = """
+import os
+import torch
+import spmm_torch.runtime.threads
+
+torch.set_num_threads(2)
+values = torch.rand(2000, 2000)
+values.exp().sum(), values @ values
+child = os.fork()
+if child == 0:
+    values.exp().sum(), values @ values
+    os._exit(7)
+assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+"""
+
+
+def test_a_forked_child_does_not_wait_for_the_threads_of_its_parent() -> None:
+    subprocess.run([sys.executable, "-c", FORKED], check=True, timeout=120)

@@ -72,6 +72,7 @@ def test_a_btf_of_another_size_is_refused(model: SPMM) -> None:
 def test_the_input_of_a_run_is_optional(run: Path, tmp_path: Path) -> None:
     assert measured_input(run, None) is None
     (run / "report.json").write_text('{"input": "no/such/btf.zip"}')
+    (run / "config.yaml").write_text("seed: 0")
     assert measured_input(run, None) is None
     with pytest.raises(DataError, match="no/such/btf.zip does not exist"):
         measured_input(run, "no/such/btf.zip")

@@ -19,6 +19,8 @@ from .rows import finite_rows
 
 # Texels whose factors are read at once, a few MB.
 READ_TEXELS = 1024
+# Texels whose highest value stands for that of all.
+LEVEL_TEXELS = 64
 
 
 def open_store(path: Path, layout: Layout, part: Part, loading: Loading) -> FactorStore:
@@ -74,6 +76,12 @@ class FactorStore:
         if self._is_hdr is None:
             self._is_hdr = self.exceeds(1.0)
         return self._is_hdr
+
+    @property
+    def level(self) -> float:
+        """The highest value of some texels, spread over all; see `Store.level`."""
+        count = len(self._texels)
+        return float(self.texels(torch.arange(0, count, max(count // LEVEL_TEXELS, 1))).max())
 
     def exceeds(self, bound: float) -> bool:
         """Whether a value exceeds a bound; reads values until one does.

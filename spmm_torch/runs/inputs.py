@@ -1,0 +1,99 @@
+"""The input of a run, read again as its fit read it: the one way for everything that needs it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ..config.fit import FitConfig
+from ..data import BTF, load_input
+from ..errors import DataError, OutputError
+from ..report.contract import FILE_NAME as REPORT_FILE
+from ..runtime.tensor_file import MODEL_FILE
+from .folder import CONFIG
+
+
+def read_input(
+    run: Path | str,
+    against: Path | str | None = None,
+    pattern: str | None = None,
+    *,
+    all_directions: bool = False,
+) -> BTF:
+    """The input of a run, or the BTF `against`, under the settings of the run.
+
+    Args:
+        run: run folder, or the model file in it.
+        against: BTF to read instead of the run's own input.
+        pattern: how pictures are named; None: as in the run's settings.
+        all_directions: whether to read directions too that the fit was not to see.
+
+    Raises:
+        ConfigError: the pattern is malformed.
+        OutputError: the run names no input.
+        DataError: the input does not exist, or is not valid.
+    """
+    path = Path(against or read_report(run)["input"])
+    config = run_settings(run)
+    settings = replace(config.data, pattern=pattern or config.data.pattern)
+    if all_directions:
+        settings = replace(settings, directions=None)
+    if against is None and not path.exists():
+        raise DataError(
+            f"the input of {run}, {path}, does not exist; expected it where it was when the run "
+            f"was made; give its present path with --against."
+        )
+    return load_input(path, settings, config.seed)
+
+
+def run_settings(run: Path | str) -> FitConfig:
+    """The settings of a run; the defaults where a model stands alone, without a run.
+
+    Raises:
+        ConfigError: the settings of the run are gone or not valid.
+    """
+    path = run_folder(run) / CONFIG
+    return (
+        FitConfig()
+        if _named_input(run) is None and not path.is_file()
+        else FitConfig.from_yaml(path)
+    )
+
+
+def has_input(run: Path | str) -> bool:
+    """Whether the input of a run is still where it was when the run was made."""
+    named = _named_input(run)
+    return named is not None and Path(named).exists()
+
+
+def _named_input(run: Path | str) -> str | None:
+    """The input in the report of a run; None if there is no report, or it is of an edited model."""
+    has_report = (run_folder(run) / REPORT_FILE).is_file()
+    return (read_report(run)["input"] or None) if has_report else None
+
+
+def read_report(run: Path | str) -> dict[str, Any]:
+    """The figures of a run.
+
+    Raises:
+        OutputError: the report does not exist, or is malformed.
+    """
+    path = run_folder(run) / REPORT_FILE
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"{path} cannot be read ({error}); expected the report of a run; give the folder that "
+            f"spmm fit has made."
+        ) from error
+    if not isinstance(report, dict) or "input" not in report:
+        raise OutputError(f"{path} names no input; expected the report of a run; fit it anew.")
+    return report
+
+
+def run_folder(run: Path | str) -> Path:
+    """The folder of a run, which may be named by the model file in it."""
+    path = Path(run)
+    return path.parent if path.name == MODEL_FILE else path
