@@ -123,7 +123,10 @@ BAD_VALUES = {
     "nan": (with_value(np.nan), r"nan at \[view 1, light 2, row 3, column 4, channel 0\]"),
     "infinity": (with_value(np.inf), r"inf at \[view 1, light 2"),
     "half infinity": (with_value(np.inf).astype(np.float16), r"inf at \[view 1, light 2"),
-    "negative": (with_value(-0.25), r"-0.25 at \[view 1, light 2.*give data.negative .* as clip"),
+    "negative": (
+        with_value(-0.25),
+        r"-0.25 at \[view 1, light 2.*data.negative as clip .*load_btf",
+    ),
     "black": (np.zeros(SHAPE, np.float32), "all black"),
     "axes": (make_values()[0], r"shape \[3, 4, 5, 3\]; expected \[V, L, H, W, 3\]"),
     "channels": (make_values(shape=(2, 3, 4, 5, 4)), "expected \\[V, L, H, W, 3\\]"),
