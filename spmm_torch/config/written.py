@@ -68,7 +68,10 @@ class _Loader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(
                     None, None, f"the key {key} is there twice", node.value[number][0].start_mark
                 )
-        return self.construct_mapping(node, deep=True)
+        found = self.construct_mapping(node, deep=True)
+        return {
+            str(key) if isinstance(key, Written) else key: value for key, value in found.items()
+        }
 
 
 _Loader.yaml_implicit_resolvers = {}

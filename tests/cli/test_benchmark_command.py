@@ -41,7 +41,7 @@ def test_parts_keep_their_order() -> None:
         (["--training", "1,x"], "--training is '1,x'; expected positive numbers"),
         (["--training=-1"], "--training is '-1'; expected positive numbers"),
         (["--device", "abacus"], "device is 'abacus'; expected auto"),
-        (["nowhere.zip"], "nowhere.zip does not exist; expected a zip"),
+        (["nowhere.zip"], "nowhere.zip does not exist; expected pictures"),
     ],
 )
 def test_bad_input_is_one_sentence(

@@ -32,7 +32,7 @@ def test_other_weights_are_another_run(
     stopped(source, run, 3, "--weights", str(weights))
     arguments = [str(source), "-o", str(run), *OPTIONS, "--weights", str(weights), "--resume"]
     np.savez(weights, pair=pair + 1.0)
-    assert "has weights = " in refused("fit", *arguments)
+    assert "has other content of" in refused("fit", *arguments)
     np.savez(weights, pair=pair)
     assert main(["fit", *arguments]) == 0
     report = json.loads((run / "report.json").read_text(encoding="utf-8"))

@@ -130,7 +130,7 @@ def test_few_lights_and_missing_pictures_do_not_matter() -> None:
 
 @pytest.mark.parametrize(
     ("views", "size", "words"),
-    [(1, (16, 16), "1 are steep enough"), (9, (4, 40), "40 x 4 texels are too few")],
+    [(1, (16, 16), "there is only one"), (9, (4, 40), "40 x 4 texels are too few")],
 )
 def test_where_no_relief_can_be_found_it_is_said(
     views: int, size: tuple[int, int], words: str
