@@ -87,7 +87,7 @@ class WeightsConfig:
         0.05, "fraction of the weight that is spread evenly over all values", low=0.0, high=1.0
     )
     error: str = setting(
-        "auto",
+        "l2",
         "error to minimize: l2 (squared, as in the paper), cube-root or log (approximately the "
         "squared error of values after that compression), or auto (cube-root for glossy data, l2 "
         "for others and for search.method stagewise)",

@@ -13,6 +13,7 @@ from tests.fit.glossy.test_peaks import lobe, samples
 from tests.planted.btfs import texel_btf
 
 CPU = torch.device("cpu")
+AUTO = FitConfig.from_dict({"weights": {"error": "auto"}})
 
 
 def glossy_btf() -> BTF:
@@ -21,7 +22,7 @@ def glossy_btf() -> BTF:
 
 
 def test_glossy_data_choose_cube_roots() -> None:
-    found = Objective.of(glossy_btf(), FitConfig(), CPU)
+    found = Objective.of(glossy_btf(), AUTO, CPU)
     assert (found.error, found.chosen) == ("cube-root", True)
     assert found.peak is not None and found.pair is not None
     assert found.models(PAPER_MODELS)[-1] == "ggx"
@@ -29,7 +30,8 @@ def test_glossy_data_choose_cube_roots() -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"weights": {"error": "l2"}}, {"search": {"method": "stagewise"}}]
+    "change",
+    [{}, {"weights": {"error": "auto"}, "search": {"method": "stagewise"}}],
 )
 def test_the_settings_and_the_paper_stay_plain(change: dict) -> None:
     found = Objective.of(glossy_btf(), FitConfig.from_dict(change), CPU)
@@ -40,13 +42,13 @@ def test_the_settings_and_the_paper_stay_plain(change: dict) -> None:
 def test_black_texels_and_one_bright_sample_do_not_make_data_glossy() -> None:
     values = torch.rand(4, 6561, 3, generator=torch.Generator().manual_seed(0))
     values[:3] = 0.0
-    assert not Objective.of(texel_btf(values, ring_directions()), FitConfig(), CPU).compressed
+    assert not Objective.of(texel_btf(values, ring_directions()), AUTO, CPU).compressed
     values[3, 100] = 1e4
-    assert not Objective.of(texel_btf(values, ring_directions()), FitConfig(), CPU).compressed
+    assert not Objective.of(texel_btf(values, ring_directions()), AUTO, CPU).compressed
 
 
 def test_matt_data_choose_squared_errors() -> None:
     values = torch.rand(4, 6561, 3, generator=torch.Generator().manual_seed(0))
-    found = Objective.of(texel_btf(values, ring_directions()), FitConfig(), CPU)
+    found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
     assert not found.compressed
     assert found.describe() is None
