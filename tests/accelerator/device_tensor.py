@@ -7,12 +7,12 @@ then not compute at all is computed here, on the host tensor that each of them h
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, NoReturn
 
 import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils._pytree import tree_leaves, tree_map_only
 
 from tests.accelerator.tally import TO_DEVICE, TO_HOST, Tally, asking_line
 
@@ -102,29 +102,30 @@ class Device(TorchDispatchMode):
         super().__init__()
         self.tally = tally
 
+    @classmethod
+    def _should_skip_dynamo(cls) -> bool:
+        """Whether torch's compiler is kept away; no, since that imports it, for seconds."""
+        return False
+
     def __torch_dispatch__(
         self, function: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Any = None
     ) -> Any:
         """The result of an operation, on the device if its inputs or its `device` are."""
         kwargs = dict(kwargs or {})
+        kwargs.pop("pin_memory", None)  # the host of a simulation has none
         name = function._schema.name.removeprefix("aten::")
         if name == "_to_copy":
             return self.moved(function, args[0], kwargs)
         if name == "copy_":
             return self.copied(function, *args, **kwargs)
-        leaves = [leaf for leaf in tree_leaves((args, kwargs)) if isinstance(leaf, Tensor)]
+        leaves = list(tensors((args, tuple(kwargs.values()))))
         there = {id(leaf.held): leaf for leaf in leaves if isinstance(leaf, DeviceTensor)}
         if not there and not is_device(kwargs.get("device")):
             return function(*args, **kwargs)
         check(function, name, args, kwargs, leaves)
         self.count(function, name, args, kwargs)
         result = function(*on_host(args), **on_host(kwargs))
-        if name == "_local_scalar_dense":
-            return result
-        if function._schema.is_mutable:  # results are the very inputs they are written to
-            back = lambda held: there[id(held)] if id(held) in there else DeviceTensor(held)  # noqa: E731
-            return tree_map_only(Tensor, back, result)
-        return tree_map_only(Tensor, DeviceTensor, result)
+        return on_device(result, there if function._schema.is_mutable else {})
 
     def moved(self, function: Any, source: Tensor, kwargs: dict[str, Any]) -> Tensor:
         """A copy of `source [...]` of another device or type."""
@@ -204,7 +205,30 @@ def size_of(held: Tensor) -> int:
     return held.nbytes
 
 
-def on_host(arguments: Any) -> Any:
+def tensors(part: Any) -> Iterator[Tensor]:
+    """All tensors in nested lists of arguments."""
+    if isinstance(part, Tensor):
+        yield part
+    elif isinstance(part, (list, tuple)):
+        for inner in part:
+            yield from tensors(inner)
+
+
+def on_host(part: Any) -> Any:
     """Arguments of an operation with host tensors and the host's device for those simulated."""
-    plain = tree_map_only(DeviceTensor, lambda x: x.held, arguments)
-    return tree_map_only(torch.device, lambda where: HOST if is_device(where) else where, plain)
+    if isinstance(part, DeviceTensor):
+        return part.held
+    if isinstance(part, (list, tuple)):
+        return type(part)(map(on_host, part))
+    if isinstance(part, dict):
+        return {name: on_host(inner) for name, inner in part.items()}
+    return HOST if isinstance(part, torch.device) and is_device(part) else part
+
+
+def on_device(result: Any, written: dict[int, DeviceTensor]) -> Any:
+    """Results of an operation as tensors of the device; those `written` to are told by identity."""
+    if isinstance(result, Tensor):
+        return written[id(result)] if id(result) in written else DeviceTensor(result)
+    if isinstance(result, (list, tuple)):
+        return type(result)(on_device(inner, written) for inner in result)
+    return result

@@ -1,4 +1,4 @@
-"""The simulated device does what CUDA does: it refuses, computes, counts, and is gone afterwards."""
+"""The simulated device refuses, computes and counts as CUDA does, and is gone afterwards."""
 
 from __future__ import annotations
 
