@@ -78,6 +78,13 @@ class DeviceTensor(Tensor):
         """The address of the values `[...]`."""
         return self.held.data_ptr()
 
+    def __deepcopy__(self, memo: dict[int, object]) -> Tensor:
+        """A copy `[...]` of its own values, as `copy.deepcopy` makes it."""
+        made = self.detach().clone().requires_grad_(self.requires_grad)
+        made._is_param = getattr(self, "_is_param", False)  # as torch tells parameters
+        memo[id(self)] = made
+        return made
+
     @classmethod
     def __torch_dispatch__(
         cls, function: Any, types: Any, args: tuple[Any, ...] = (), kwargs: Any = None

@@ -12,7 +12,6 @@ import pytest
 from spmm_torch import SPMM
 from spmm_torch.cli.main import main
 from spmm_torch.data.codecs import openexr
-from spmm_torch.edit.examples import packaged
 from spmm_torch.evaluate import planes, spheres
 from spmm_torch.figures import FIGURES, sampling
 from spmm_torch.render import RenderSettings
@@ -74,16 +73,14 @@ def check_close(found: Any, expected: Any, ignored: frozenset[str]) -> None:
 
 
 def test_fit(source: Path, tmp_path: Path, cuda: Tally) -> None:
-    """Pictures of the report included."""
     settings = ("--set=cluster.count=2", "--set=search.max_lobes=1", "--set=residual.rank=1")
     quick = (*settings, "--set=search.models=[lambertian]", "--set=search.bank_normals=8")
-    host, device = on_both(tmp_path, "fit", source, *quick, "--set=search.final_steps=1", "")
+    host, device = on_both(tmp_path, "fit", source, *quick, "--no-render", "")
     expected, found = (
         json.loads((place / "report.json").read_text(encoding="utf-8")) for place in (host, device)
     )
     check_close(found["snr_db"], expected["snr_db"], frozenset())
-    check_close(found["display"], expected["display"], frozenset())
-    assert found["device"] == "cuda (simulated)" and expected["device"] == "cpu"
+    assert (found["device"], expected["device"]) == ("cuda (simulated)", "cpu")
 
 
 def test_evaluate(run: Path, tmp_path: Path, cuda: Tally) -> None:
@@ -110,7 +107,7 @@ def test_render_a_btf(source: Path, tmp_path: Path, cuda: Tally) -> None:
     assert np.isclose(found, expected, rtol=1e-3, atol=1e-3).mean() > 0.97  # rays that graze
 
 
-@pytest.mark.parametrize("script", packaged())
+@pytest.mark.parametrize("script", ["fig5_hue", "fig9"])
 def test_edit(script: str, drawn: Path, tmp_path: Path, cuda: Tally) -> None:
     expected, found = (SPMM.load(place) for place in on_both(tmp_path, "edit", drawn, script, ""))
     for name, value in expected.state_dict().items():
