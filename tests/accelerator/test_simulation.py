@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
@@ -69,6 +70,7 @@ MADE: dict[str, Callable[[Tensor], Tensor]] = {
     "to another": lambda there: torch.ones(3).to(there),
     "to a name and type": lambda there: torch.ones(3).to("cuda", torch.float64),
     "module": lambda there: nn.Linear(2, 2).to("cuda").weight,
+    "copied module": lambda there: copy.deepcopy(nn.Linear(2, 2).to("cuda")).weight,
     "inside of torch": lambda there: torch.cdist(there, there),
 }
 
