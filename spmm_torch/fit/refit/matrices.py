@@ -40,7 +40,7 @@ def solve_with_ridge(gram: Tensor, rhs: Tensor, ridge: float) -> Tensor:
     """
     mean = gram.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None]
     added = ridge * mean.clamp(min=torch.finfo(mean.dtype).tiny)
-    matrix = gram + added * torch.eye(gram.shape[-1]).to(gram)
+    matrix = gram + added * torch.eye(gram.shape[-1], dtype=gram.dtype, device=gram.device)
     return torch.linalg.solve(matrix.double(), rhs.double()).to(rhs)
 
 

@@ -70,7 +70,7 @@ def _reference(stack: PictureStack, height: Tensor) -> Tensor:
 def _shown(stack: PictureStack, view: int, height: Tensor) -> tuple[Tensor, Tensor]:
     """Columns and rows `[H, W]` of the points that the pixels of a view show, about."""
     column, row = centres(*stack.size, height.device)
-    slope, drift = stack.slope[view].tolist(), stack.drift[view].tolist()
+    slope, drift = stack.slope[view], stack.drift[view]  # not read: the host would wait
     at, down = column, row
     for _ in range(PLACE_STEPS):
         here = resampled(height[None], at[None], down[None], repeats=False)[0, 0]

@@ -64,7 +64,7 @@ class PictureStack:
         """
         column, row = (place[window] for place in centres(*self.size, self.values.device))
         height = height[:, *window]
-        slope, drift = self.slope[view].tolist(), self.drift[view].tolist()
+        slope, drift = self.slope[view], self.drift[view]  # not read: the host would wait
         column, row = column - height * slope[0] + drift[0], row - height * slope[1] + drift[1]
         values = resampled(self.values[view], column, row, self.repeats)
         weight = self.weight[view][:, None, None]  # [L, 1, 1]
@@ -191,8 +191,8 @@ def chosen_lights(btf: BTF, count: int) -> Tensor:
 
 
 def spread(directions: Tensor, count: int, first: int) -> Tensor:
-    """Indices `[count]` of `directions [N, 3]`, each the farthest from all before it."""
-    chosen = [first]
+    """Indices `[count]` of `directions [N, 3]`, each the farthest from all before it; on the CPU."""
+    chosen, directions = [first], directions.cpu()  # the host reads each choice
     distance = torch.full((len(directions),), float("inf"))
     for _ in range(count - 1):
         distance = torch.minimum(distance, (directions - directions[chosen[-1]]).norm(dim=1))
