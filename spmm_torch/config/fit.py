@@ -196,7 +196,10 @@ class SearchConfig:
         low=0,
     )
     pairs: int = setting(
-        512, "number of direction pairs on which Eq. 5 is maximized (stagewise only)", low=16
+        512,
+        "number of direction pairs on which Eq. 5 is maximized, all of them where there are no "
+        "more (stagewise only)",
+        low=16,
     )
     adam_steps: int = setting(8, "Adam steps from each starting point (stagewise only)", low=0)
     lbfgs_steps: int = setting(

@@ -56,7 +56,7 @@ class StagewiseSearch:
     Attributes:
         grid, bank, feasible, config, stagewise: of the stage.
         signals: `[S, C, D]`.
-        pairs: direction pairs on which Eq. 5 is optimized, `[S, N]`, drawn by energy.
+        pairs: direction pairs on which Eq. 5 is optimized, `[S, N]`: all, or drawn by energy.
         importance: 1 / sqrt(N probability) of each, `[S, N]`: keeps inner products unbiased.
         counts: starts and paths by how they end.
     """
@@ -82,19 +82,22 @@ class StagewiseSearch:
         signals: Tensor,
         generator: torch.Generator,
     ) -> StagewiseSearch:
-        """A search on drawn pairs; uniform draws alone would miss the specular peaks.
+        """A search on drawn pairs, or on all where no more are asked for than there are.
 
         Args:
             grid, bank, feasible, config, stagewise: of the stage.
             signals: `[S, C, D]`.
             generator: draws the pairs.
         """
-        energy = signals.square().sum(1)  # [S, D]
-        by_energy = energy / energy.sum(1, keepdim=True).clamp(min=LEAST_DENOMINATOR)
-        probability = UNIFORM_FRACTION / grid.pair_count + (1.0 - UNIFORM_FRACTION) * by_energy
-        probability = probability.cpu()
-        drawn = torch.multinomial(probability, config.pairs, replacement=True, generator=generator)
-        importance = (config.pairs * probability.gather(1, drawn)).rsqrt()
+        probability = _probability(signals).cpu()
+        if grid.pair_count <= config.pairs:  # draws would only repeat pairs
+            drawn = torch.arange(grid.pair_count).expand_as(probability)
+            importance = torch.ones_like(probability)
+        else:
+            drawn = torch.multinomial(
+                probability, config.pairs, replacement=True, generator=generator
+            )
+            importance = (config.pairs * probability.gather(1, drawn)).rsqrt()
         device = signals.device
         drawn, importance = drawn.to(device), importance.to(device)
         return cls(grid, bank, feasible, config, stagewise, signals, drawn, importance)
@@ -290,6 +293,16 @@ class _Correlation:
             value = -(rho * self.target).sum(1) / (norm * size)  # Eq. (5)
             (gradient,) = torch.autograd.grad(value.sum(), x)
         return value.detach(), gradient
+
+
+def _probability(signals: Tensor) -> Tensor:
+    """Probability `[S, D]` of drawing a pair for signals `[S, C, D]`.
+
+    Uniform draws alone would miss the specular peaks.
+    """
+    energy = signals.square().sum(1)  # [S, D]
+    by_energy = energy / energy.sum(1, keepdim=True).clamp(min=LEAST_DENOMINATOR)
+    return UNIFORM_FRACTION / energy.shape[1] + (1.0 - UNIFORM_FRACTION) * by_energy
 
 
 def _at(values: Tensor, index: Tensor) -> Tensor:

@@ -14,6 +14,8 @@ from spmm_torch.fit.dictionary import FoundLobes
 from spmm_torch.fit.problem import Problem
 from spmm_torch.fit.search.lobes import search_lobes
 from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.lobes.batch import LobeBatch
+from spmm_torch.lobes.grid import DirectionGrid
 from spmm_torch.runtime.context import Context
 from tests.hard.cases import Planted, planted_texture
 from tests.planted.lobes import Lobe
@@ -36,15 +38,15 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def search(method: str) -> FoundLobes:
-    """The lobes of two planted texels."""
+def search(method: str, pairs: int = 32) -> FoundLobes:
+    """The lobes of two planted texels; Eq. 5 is maximized on `pairs` direction pairs."""
     broad, sharp = Lobe("lambertian"), Lobe("blinn_phong", (60.0,), tilt=20.0)
     truths = [  # more lobes than the two that the search may use
         Planted((broad, sharp, Lobe("blinn_phong", (exponent,))), (WHITE, WHITE, WHITE))
         for exponent in (10.0, 20.0)
     ]
     btf = planted_texture(truths, DIRECTIONS, "planted")
-    settings = {**SETTINGS, "search": {**SETTINGS["search"], "method": method}}
+    settings = {**SETTINGS, "search": {**SETTINGS["search"], "method": method, "pairs": pairs}}
     problem = Problem.build(btf, UNIFORM, FitConfig.from_dict(settings), Context.build("cpu"))
     samples = Samples(torch.arange(SAMPLES), torch.zeros(SAMPLES, dtype=torch.long))
     with torch.no_grad():
@@ -73,6 +75,25 @@ def test_stagewise_search_counts_its_climbs_and_paths() -> None:
     assert count["adam"] == count["lbfgs"] == int(found.starts[0]) > 0
     # Three steps are too few for a path in steps of a few per cent.
     assert found.solvers.to_dict()["stagewise_lasso"]["limit"] == SAMPLES
+
+
+def test_no_pair_is_searched_twice_where_more_are_asked_for_than_there_are(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A BTF of 16 pairs would else cost as much as one of the 512 pairs of the settings."""
+    widths = []
+    eval_at = DirectionGrid.eval_at
+
+    def counted(grid: DirectionGrid, lobes: LobeBatch, pairs: torch.Tensor) -> torch.Tensor:
+        widths.append(pairs.shape[1])
+        return eval_at(grid, lobes, pairs)
+
+    monkeypatch.setattr(DirectionGrid, "eval_at", counted)
+    pair_count = len(DIRECTIONS) ** 2
+    exact, more = (search("stagewise", pairs) for pairs in (pair_count, 20 * pair_count))
+    assert set(widths) == {pair_count}
+    assert torch.equal(exact.lobes.normal, more.lobes.normal)
+    assert torch.equal(exact.lobes.kappa, more.lobes.kappa)
 
 
 @pytest.mark.parametrize("method", ["corrective", "stagewise"])
