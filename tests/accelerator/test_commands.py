@@ -80,7 +80,7 @@ def test_fit(source: Path, tmp_path: Path, cuda: Tally) -> None:
         json.loads((place / "report.json").read_text(encoding="utf-8")) for place in (host, device)
     )
     check_close(found["snr_db"], expected["snr_db"], frozenset())
-    assert (found["device"], expected["device"]) == ("cuda (simulated)", "cpu")
+    assert found["device"].startswith("cuda (simulated)") and expected["device"].startswith("cpu")
 
 
 def test_evaluate(run: Path, tmp_path: Path, cuda: Tally) -> None:
@@ -115,6 +115,7 @@ def test_edit(script: str, drawn: Path, tmp_path: Path, cuda: Tally) -> None:
         assert close.mean() > 0.99, name  # a code may be rounded otherwise
 
 
+@pytest.mark.slow
 def test_figures(run: Path, tmp_path: Path, cuda: Tally) -> None:
     host, device = on_both(tmp_path, "figures", run, *SMALL, "")
     assert {path.name for path in device.iterdir()} == {path.name for path in host.iterdir()}

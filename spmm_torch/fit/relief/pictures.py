@@ -191,7 +191,7 @@ def chosen_lights(btf: BTF, count: int) -> Tensor:
 
 
 def spread(directions: Tensor, count: int, first: int) -> Tensor:
-    """Indices `[count]` of `directions [N, 3]`, each the farthest from all before it; on the CPU."""
+    """Indices `[count]` of `directions [N, 3]`, on the CPU, each the farthest from all before."""
     chosen, directions = [first], directions.cpu()  # the host reads each choice
     distance = torch.full((len(directions),), float("inf"))
     for _ in range(count - 1):
