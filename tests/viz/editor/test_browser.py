@@ -156,8 +156,10 @@ def test_a_session_in_the_browser(page: Any, run: Path, tmp_path: Path) -> None:
     expected = script.apply(SPMM.load(run))
     assert torch.equal(saved.weight, expected.weight)
 
-    click(page, "save")
-    until(lambda: "exists" in text(page, "message"))
+    edits, before = tmp_path / "run2" / "edits.yaml", script.to_yaml()
+    drag(page, "hue", -24)
+    click(page, "save")  # what this session has saved is replaced
+    until(lambda: edits.exists() and Script.read(edits).to_yaml() != before)
 
 
 def select_quarter(page: Any) -> None:
