@@ -97,7 +97,7 @@ def _read_small_parts(
             header,
             _read_directions(handle, "view", path),
             _read_directions(handle, "light", path),
-            _read_array(handle, NAMES) if f"{NAMES}.npy" in members else None,
+            read_array(handle, NAMES) if f"{NAMES}.npy" in members else None,
         )
 
 
@@ -120,8 +120,8 @@ def _check_size(member: zipfile.ZipInfo, header: ArrayHeader, start: int) -> Non
         )
 
 
-def _read_array(handle: zipfile.ZipFile, key: str) -> np.ndarray:
-    """The whole array of a member."""
+def read_array(handle: zipfile.ZipFile, key: str) -> np.ndarray:
+    """The whole array `[...]` of a member, `key` without its suffix."""
     with handle.open(f"{key}.npy") as stream:
         return npy.read_array(stream, allow_pickle=False)
 
@@ -139,7 +139,7 @@ def _checked_names(names: np.ndarray, shape: Sequence[int], path: Path) -> tuple
 
 def _read_directions(handle: zipfile.ZipFile, key: str, path: Path) -> np.ndarray:
     """The array `[N, 3]` float64 of a member; its shape is checked elsewhere."""
-    array = _read_array(handle, key)
+    array = read_array(handle, key)
     if array.dtype.kind != "f":
         raise DataError(
             f"{key!r} of {path} has type {array.dtype}; expected float unit vectors [N, 3]; "

@@ -27,6 +27,7 @@ from ..errors import ConfigError, DataError
 from .arrays import opener_in_memory
 from .btf import BTF
 from .directions import SAME_DIRECTION, checked_directions
+from .npz import read_array
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import ZIP_ERRORS, material_name, open_zip
 
@@ -110,8 +111,10 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
 def _npz(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an NPZ."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {key: file[key] for key in (*REQUIRED, *OPTIONAL) if key in file}
+        with open_zip(path) as handle:
+            members = handle.namelist()
+            keys = [key for key in (*REQUIRED, *OPTIONAL) if f"{key}.npy" in members]
+            return {key: read_array(handle, key) for key in keys}
     except (*ZIP_ERRORS, OSError, ValueError) as error:
         raise DataError(
             f"{path} cannot be read ({error}); expected an NPZ with wi, wo and rgb, [N, 3] each; "

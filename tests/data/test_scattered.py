@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -158,6 +159,13 @@ def test_malformed_lists_are_one_sentence(
 ) -> None:
     with pytest.raises(DataError, match=text):
         load_btf(save(tmp_path / "a.npz", make(PAIRS, **changes)))
+
+
+def test_a_list_in_a_zip_within_a_zip(tmp_path: Path) -> None:
+    inner = save(tmp_path / "a.npz", make(PAIRS)).rename(tmp_path / "a.zip")
+    with zipfile.ZipFile(tmp_path / "b.zip", "w") as outer:
+        outer.write(inner, "a.zip")
+    assert load_btf(tmp_path / "b.zip").texels().equal(load_btf(inner).texels())
 
 
 def test_too_many_directions_are_refused(tmp_path: Path) -> None:
