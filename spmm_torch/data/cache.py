@@ -27,6 +27,7 @@ from ..errors import DataError, OutputError
 from ..runtime.atomic import write_atomic
 from ..runtime.lock import locked
 from ..runtime.memory import reserve, slices
+from .folder_files import folder_files, is_hidden
 
 # Part of every key, so that entries of another layout, or decoded by other rules, are never found.
 LAYOUT_VERSION = 2
@@ -89,9 +90,8 @@ def source_content(path: Path) -> list[tuple[str, str]]:
     try:
         if not path.is_dir():
             return [("", file_hash(path))]
-        names = sorted(item.relative_to(path) for item in path.rglob("*") if item.is_file())
-        kept = [name for name in names if not any(part.startswith(".") for part in name.parts)]
-        return [(name.as_posix(), file_hash(path / name)) for name in kept]
+        names = sorted(name for name in folder_files(path) if not is_hidden(name))
+        return [(name, file_hash(path / name)) for name in names]
     except OSError as error:
         raise DataError(
             f"{path} cannot be read any more ({error}); expected all that was there when it was "

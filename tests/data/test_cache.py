@@ -16,7 +16,15 @@ import pytest
 import torch
 
 from spmm_torch.data import BTF, Selection, load_btf
-from spmm_torch.data.cache import CacheEntry, clear, default_folder, entries, entry_key, file_hash
+from spmm_torch.data.cache import (
+    CacheEntry,
+    clear,
+    default_folder,
+    entries,
+    entry_key,
+    file_hash,
+    source_content,
+)
 from spmm_torch.data.picture_set import PictureSet
 from spmm_torch.errors import OutputError
 from spmm_torch.geometry.directions import ring_directions
@@ -265,3 +273,15 @@ def test_sidecar_tells_what_it_was_made_of(picture_set: Path, folder: Path) -> N
     load_btf(picture_set).load(cache=folder)
     facts = json.loads(next(folder.glob("*.json")).read_text())
     assert (facts["source"], facts["views_done"]) == (str(picture_set), 4)
+
+
+def test_content_behind_links_counts(tmp_path: Path) -> None:
+    """Readers follow links, so what they lead to is part of the input."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "input").mkdir()
+    (tmp_path / "input" / "part").symlink_to(tmp_path / "disk")
+    (tmp_path / "disk" / "a.binary").write_bytes(b"before")
+    before = source_content(tmp_path / "input")
+    (tmp_path / "disk" / "a.binary").write_bytes(b"after")
+    assert [name for name, _ in before] == ["part/a.binary"]
+    assert source_content(tmp_path / "input") != before
