@@ -24,7 +24,7 @@ from .parser import Parser, print_lines
 # Exit codes: of bad input, and of a command that Ctrl-C has ended, as shells give it.
 BAD_INPUT, STOPPED = 2, 130
 # Threads of torch that wait for work give way to other programs, in place of spinning; they are
-# read when torch is loaded. An idle machine loses little by it.
+# read when torch is loaded.
 PASSIVE = {"OMP_WAIT_POLICY": "PASSIVE", "KMP_BLOCKTIME": "0"}
 TOO_LITTLE_MEMORY = (
     "there is too little memory; expected more, or less to do; close other programs, fit a part by "

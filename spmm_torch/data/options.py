@@ -20,6 +20,8 @@ COSINES = ("auto", "included", "missing")
 NEGATIVES = ("refuse", "clip", "keep")
 MISSING = ("refuse", "mask")
 RINGS = (81, 151)
+# Options that are settings of a fit by the same names.
+SHARED = ("gamma", "cosine", "negative", "missing", "pattern", "rings")
 
 
 @dataclass(frozen=True)
@@ -77,25 +79,11 @@ class ReadOptions:
     @classmethod
     def of(cls, settings: DataConfig) -> ReadOptions:
         """The options in the settings of a fit."""
-        return cls(
-            gamma=settings.gamma,
-            cosine=settings.cosine,
-            negative=settings.negative,
-            missing=settings.missing,
-            pattern=settings.pattern,
-            rings=settings.rings,
-        )
+        return cls(**{name: getattr(settings, name) for name in SHARED})
 
     def settings(self) -> DataConfig:
         """The settings of a fit that mean these options."""
-        return DataConfig(
-            gamma=self.gamma,
-            cosine=self.cosine,
-            negative=self.negative,
-            missing=self.missing,
-            pattern=self.pattern,
-            rings=self.rings,
-        )
+        return DataConfig(**{name: getattr(self, name) for name in SHARED})
 
     @property
     def thread_count(self) -> int:

@@ -7,65 +7,17 @@ scales without rounding, so that a fit finds the same lobes in any unit.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
-from torch import Tensor
 
 from ..errors import DataError
 from .btf import BTF
-from .codes import Index
-from .store import Part, Store
+from .store import Part, ScaledStore, Store
 
 # Highest values of a BTF that is left as it is: those of reflectance and of mirrors.
 ORDINARY = (2.0**-10, 2.0**20)
 # Highest value over the 99.9th percentile from which on it is no reflection.
 HOT = 2.0**20
-
-
-@dataclass(frozen=True)
-class UnitStore:
-    """The values of another store, times a factor.
-
-    Attributes:
-        values: the other store.
-        factor: a power of two.
-    """
-
-    values: Store
-    factor: float
-
-    @property
-    def is_hdr(self) -> bool:
-        """Whether a value of the other store may exceed 1."""
-        return self.values.is_hdr
-
-    @property
-    def level(self) -> float:
-        """About the highest value; see `Store.level`."""
-        return self.values.level * self.factor
-
-    def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
-        """Values `[n, D, C]`; see `Store.texels`."""
-        return self.values.texels(index, device) * self.factor
-
-    def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
-        """Values `[n, C, D]`; see `Store.signals`."""
-        return self.values.signals(index, device) * self.factor
-
-    def pairs(self, start: int, stop: int) -> Tensor:
-        """Values `[T, stop - start, C]`; see `Store.pairs`."""
-        return self.values.pairs(start, stop) * self.factor
-
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, T, stop - start]`; see `Store.planes`."""
-        return self.values.planes(start, stop) * self.factor
-
-    def strips(
-        self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
-    ) -> Tensor:
-        """Values `[N, L, C]`; see `Store.strips`."""
-        return self.values.strips(texel, view, lights, device) * self.factor
 
 
 def unit_of(btf: BTF) -> float:
@@ -89,7 +41,7 @@ def scaled(btf: BTF, factor: float) -> BTF:
         return btf
 
     def open_store(_part: Part, _loading: object) -> Store:
-        return UnitStore(btf.store(), factor)
+        return ScaledStore(btf.store(), torch.full((len(btf.light), 1), factor), len(btf.view))
 
     return btf.over(open_store)
 

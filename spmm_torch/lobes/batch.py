@@ -257,29 +257,37 @@ class Feasible:
         low = torch.zeros(len(MODEL_NAMES), MAX_PARAMETERS)
         high = torch.zeros(len(MODEL_NAMES), MAX_PARAMETERS)
         for index, brdf in enumerate(REGISTRY):
+            high[index, : len(brdf.parameters)] = 1.0
+        whole = cls(low, high)
+        return whole._ending_at(min_width, within=True) if min_width > 0.0 else whole
+
+    def _ending_at(self, width: float, *, within: bool) -> Feasible:
+        """These bounds with the narrow end of each parameter at a width.
+
+        Args:
+            width: of the narrowest lobes.
+            within: whether parameters stay within their range.
+        """
+        low, high = self.low.clone(), self.high.clone()
+        for index, brdf in enumerate(REGISTRY):
             for column, row in enumerate(brdf.parameters):
-                high[index, column] = 1.0
-                if row.from_width is not None and min_width > 0.0:
-                    limit = min(max(row.from_width(min_width), row.low), row.high)
+                if row.from_width is not None:
+                    value = row.from_width(width)
+                    limit = min(max(value, row.low), row.high) if within else value
                     unit = float(row.to_unit(torch.tensor(limit)))
                     (low if row.narrow_is_low else high)[index, column] = unit
-        return cls(low, high)
+        return Feasible(low, high)
 
     def or_as_narrow_as(self, width: float) -> Feasible:
         """These bounds, and lobes exactly `width` wide, which may be narrower than parameters go.
 
         For peaks that no sample resolves: any width between would be as good to the samples.
         """
-        low, high = self.low.clone(), self.high.clone()
-        for index, brdf in enumerate(REGISTRY):
-            for column, row in enumerate(brdf.parameters):
-                if row.from_width is not None:
-                    unit = float(row.to_unit(torch.tensor(row.from_width(width))))
-                    (low if row.narrow_is_low else high)[index, column] = unit
-        of_high = high > self.high
-        start = torch.where(of_high, self.high, low)
-        end = torch.where(of_high, high, self.low)
-        return Feasible(low, high, torch.stack((start, end)))
+        wider = self._ending_at(width, within=False)
+        of_high = wider.high > self.high
+        start = torch.where(of_high, self.high, wider.low)
+        end = torch.where(of_high, wider.high, self.low)
+        return replace(wider, gap=torch.stack((start, end)))
 
     def project(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """The nearest feasible coordinates `[J, COORDINATES]` of lobes of `model [J]`."""

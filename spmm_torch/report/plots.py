@@ -60,8 +60,6 @@ def plot(series: Sequence[Series], x_axis: Axis, y_axis: Axis, title: str) -> Ma
     """
     drawn = [_visible(each, x_axis, y_axis) for each in series]
     points = [point for each in drawn for point in each.points]
-    rows = -(-len(drawn) // LEGEND_COLUMNS)
-    height = HEIGHT + LEGEND_TOP + LEGEND_ROW * rows
     if not points:
         content = [element("text", "nothing to show", x=0, y=LINE, class_="quiet")]
     else:
@@ -71,6 +69,18 @@ def plot(series: Sequence[Series], x_axis: Axis, y_axis: Axis, title: str) -> Ma
         content = [*_axes(x, y, x_axis, y_axis)]
         content += [canvas.draw(each, look) for look, each in enumerate(drawn)]
         content += [canvas.labels(drawn), *(legend(each, look) for look, each in enumerate(drawn))]
+    return framed(title, content, len(drawn))
+
+
+def framed(title: str, content: Sequence[Markup], entries: int) -> Markup:
+    """A plot with room for a legend of some entries below.
+
+    Args:
+        title: description for screen readers.
+        content: all that is drawn, the legend too.
+        entries: how many series the legend names.
+    """
+    height = HEIGHT + LEGEND_TOP + LEGEND_ROW * -(-entries // LEGEND_COLUMNS)
     return element(
         "svg",
         element("title", title),

@@ -9,13 +9,11 @@ from markupsafe import Markup
 
 from .plots import (
     HEIGHT,
-    LEGEND_COLUMNS,
-    LEGEND_ROW,
-    LEGEND_TOP,
     LOOKS,
     TOP,
     WIDTH,
     Series,
+    framed,
     legend,
     mark,
 )
@@ -38,18 +36,10 @@ def polar_plot(series: Sequence[Series], title: str, light: float) -> Markup:
     """
     greatest = max((p.y for each in series for p in each.points if math.isfinite(p.y)), default=0.0)
     scale = RADIUS / greatest if greatest > 0.0 else 0.0
-    rows = -(-len(series) // LEGEND_COLUMNS)
     content = [*_web(), _light(light)]
     content += [_drawn(each, look, scale) for look, each in enumerate(series)]
     content += [legend(each, look) for look, each in enumerate(series)]
-    return element(
-        "svg",
-        element("title", title),
-        *content,
-        viewBox=f"0 0 {WIDTH} {HEIGHT + LEGEND_TOP + LEGEND_ROW * rows}",
-        role="img",
-        class_="plot",
-    )
+    return framed(title, content, len(series))
 
 
 def _place(angle: float, radius: float) -> tuple[float, float]:

@@ -6,7 +6,6 @@ directions of `ReadOptions.rings`, and multiplied by the cosine of the light whe
 
 from __future__ import annotations
 
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from ...geometry.directions import (
 from ..arrays import opener_in_memory
 from ..btf import BTF
 from ..options import DEFAULT_OPTIONS, ReadOptions
-from ..pictures import list_files, material_name, open_archive
+from ..pictures import is_container, list_files, material_name, open_archive
 from ..store import Loading, Part, Store
 from . import merl, rgl
 
@@ -43,7 +42,7 @@ Evaluate = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (wi, wo [Q, 3]) to 
 
 def accepts(path: Path) -> bool:
     """Whether a file is such a table by suffix or first bytes, or a folder or zip holds one."""
-    if path.is_dir() or zipfile.is_zipfile(path):
+    if is_container(path):
         return any(map(is_table, list_files(path)))
     if is_table(path.name):
         return True
@@ -96,7 +95,7 @@ class Tables:
     @classmethod
     def scan(cls, path: Path, directions: Tensor) -> Tables:
         """All tables of a path, in the order of their names, to be read at `directions [V, 3]`."""
-        if not (path.is_dir() or zipfile.is_zipfile(path)):
+        if not is_container(path):
             return cls(path, (path.name,), directions)
         return cls(path, tuple(filter(is_table, list_files(path))), directions)
 
@@ -136,7 +135,7 @@ class Tables:
     @property
     def _is_one(self) -> bool:
         """Whether the path is that of a table itself."""
-        return not self.path.is_dir() and not zipfile.is_zipfile(self.path)
+        return not is_container(self.path)
 
     def _where(self, file: str) -> str:
         """A table in messages."""

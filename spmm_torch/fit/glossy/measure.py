@@ -20,12 +20,12 @@ TEXELS = 64
 
 def is_glossy(values: Tensor) -> bool:
     """Whether most of some texels are glossy, of values `[n, C, D]`; black ones do not count."""
-    count = peak_pairs(values[values.flatten(1).any(1)])
+    count = bright_pairs(values[values.flatten(1).any(1)])
     glossy = (count >= FEWEST) & (count <= PAIRS * values.shape[2])
     return bool(glossy.double().mean() > 0.5)
 
 
-def peak_pairs(values: Tensor) -> Tensor:
+def bright_pairs(values: Tensor) -> Tensor:
     """Number of the pairs in which most of the energy of each texel lies, `[n]`.
 
     Args:

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from ...geometry.relief import HeightField
-from ...lobes.ragged import stable_order
 from ...runtime.sparse import csr_matrix
+from .matrices import matrix_of
 
 # Pairs of corners of a 2 x 2 block, a before b: corners are in the order of rows.
 CORNER_PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
@@ -96,11 +96,9 @@ class Lookups:
     def _transposed(self, view: int) -> Tensor:
         """`gathered`, made anew."""
         texels = self.texel.shape[1]
-        order = stable_order(self.texel[view].flatten(), texels)
-        count = torch.bincount(self.texel[view].flatten(), minlength=texels)
-        rows = torch.cat((count.new_zeros(1), count.cumsum(0))).int()
-        pixel = order.div(4, rounding_mode="floor").int()
-        return csr_matrix(rows, pixel, self.weight[view].flatten()[order], (texels, texels))
+        pixel = torch.arange(texels, device=self.texel.device).repeat_interleave(4)
+        texel, weight = self.texel[view].flatten(), self.weight[view].flatten()
+        return matrix_of(texel, pixel, weight, (texels, texels))
 
     def squares(self) -> Tensor:
         """W_v^T W_v of all views, `[V, T, 5]`: of each texel and its neighbours in `HALF`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ...lobes.ragged import stable_order
 from ...model.lookup import SparseWeights
 from ...runtime.sparse import csr_matrix
 
@@ -28,6 +29,19 @@ def joint_matrix(entries: SparseWeights, lobes: int) -> Tensor:
     column = (entries.index[:, None] * channels + channel).flatten().int()
     shape = (len(entries.offset) - 1, lobes * channels)
     return csr_matrix((entries.offset * channels).int(), column, entries.weight.flatten(), shape)
+
+
+def matrix_of(row: Tensor, column: Tensor, value: Tensor, shape: tuple[int, int]) -> Tensor:
+    """The sparse CSR matrix `shape` of entries in any order.
+
+    Args:
+        row, column, value: of each entry, `[E]`.
+        shape: of the matrix.
+    """
+    order = stable_order(row, shape[0])
+    count = torch.bincount(row, minlength=shape[0])
+    offset = torch.cat((count.new_zeros(1), count.cumsum(0))).int()
+    return csr_matrix(offset, column[order].int(), value[order], shape)
 
 
 def solve_with_ridge(gram: Tensor, rhs: Tensor, ridge: float) -> Tensor:

@@ -12,12 +12,10 @@ import torch
 from torch import Tensor
 
 from ...data import BTF
-from ...lobes.ragged import stable_order
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
-from ...runtime.sparse import csr_matrix
 from .lookups import Lookups
-from .matrices import channel_matrices, products_at
+from .matrices import channel_matrices, matrix_of, products_at
 
 
 @dataclass(frozen=True)
@@ -100,14 +98,10 @@ def _members(labels: Tensor, pixel: Tensor | None) -> tuple[Tensor, Tensor]:
             None: all 1. They then stand for 1, and count by their squares.
     """
     texels, clusters = len(labels), int(labels.max()) + 1
-    order = stable_order(labels, clusters)
-    value = torch.ones(texels, device=labels.device) if pixel is None else pixel[order]
-    size = torch.bincount(labels, minlength=clusters)
-    rows = torch.cat((size.new_zeros(1), size.cumsum(0))).int()
-    matrix = csr_matrix(rows, order.int(), value, (clusters, texels))
-    if pixel is None:
-        return matrix, size.float()
-    return matrix, pixel.new_zeros(clusters).index_add_(0, labels, pixel.square())
+    value = torch.ones(texels, device=labels.device) if pixel is None else pixel
+    every = torch.arange(texels, device=labels.device)
+    matrix = matrix_of(labels, every, value, (clusters, texels))
+    return matrix, value.new_zeros(clusters).index_add_(0, labels, value.square())
 
 
 def _sums(picture: Tensor, members: tuple[Tensor, Tensor]) -> Tensor:
