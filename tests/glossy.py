@@ -30,8 +30,7 @@ from tests.planted.btfs import texel_btf
 
 MATERIALS = DATA / "rgl_brdfs.npz"
 GRIDS = (81, 151)
-GLOSSY = {"select": {"max_lobes": 4}, "weights": {"error": "auto"}}
-FOUR_LOBES = FitConfig.from_dict(GLOSSY)
+FOUR_LOBES = FitConfig.from_dict({"select": {"max_lobes": 4}})
 # Polar angles of the view at which the white-sky reflectance is known, in degrees.
 ALBEDO_ANGLES = (0.0, 30.0, 45.0, 60.0, 75.0)
 # Azimuths of the view at which that of a model is taken: on the grid and between, in degrees.

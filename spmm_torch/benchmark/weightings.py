@@ -12,8 +12,8 @@ from .fits import TimedFit, on_device, timed_fit
 from .scope import Bench, Scope
 from .variants import DEFAULT
 
-# `weights.error` of the default comes first: squared errors, as in the paper.
-KINDS = ("l2", "cube-root", "log")
+# `weights.error` of the default comes first.
+KINDS = ("auto", "l2", "cube-root", "log")
 
 
 def count(scope: Scope) -> int:

@@ -87,11 +87,12 @@ class WeightsConfig:
         0.05, "fraction of the weight that is spread evenly over all values", low=0.0, high=1.0
     )
     error: str = setting(
-        "l2",
+        "auto",
         "error to minimize: l2 (squared, as in the paper), cube-root or log (approximately the "
-        "squared error of values after that compression), or auto (cube-root for glossy data, l2 "
-        "for others and for search.method stagewise)",
-        choices=("auto", "l2", "cube-root", "log"),
+        "squared error of values after that compression), balanced (of values and of cube roots), "
+        "or auto (l2, but for glossy data balanced, or cube-root where peaks are narrower than the "
+        "directions; l2 for search.method stagewise)",
+        choices=("auto", "l2", "balanced", "cube-root", "log"),
     )
 
 

@@ -112,7 +112,10 @@ SETTINGS: dict[str, tuple[list[str], str]] = {
     "no rectangle": (["--crop", "1,2,3"], "'1,2,3' is no rectangle; expected X,Y,WIDTH,HEIGHT"),
     "no weights": (["--weights", "no.npz"], "weights no.npz cannot be read"),
     "bad floor": (["--set", "weights.floor=2"], "weights.floor is 2.0; expected 0.0 to 1.0"),
-    "bad error": (["--set", "weights.error=l1"], "expected one of auto, l2, cube-root, log"),
+    "bad error": (
+        ["--set", "weights.error=l1"],
+        "expected one of auto, l2, balanced, cube-root, log",
+    ),
     "bad missing": (["--set", "data.missing=fill"], "expected one of refuse, mask"),
     "no settings file": (["--config", "no.yaml"], "no.yaml cannot be read"),
 }

@@ -25,10 +25,15 @@ NAMES = (
     "vch_silk_blue",
     "irid_flake_paint1",
 )
-# Bounds of white-sky reflectance over that of the material, without those that no grid tells.
-ALBEDO = (0.5, 1.5)
-BODY = {"irid_flake_paint1": 12.0}
-USUAL_BODY = 15.0
+# Least SNR on the samples, of the values; least SNR of the body; bounds of white-sky reflectance
+# over that of the material. What no grid tells has bounds of its own, see `docs/hard_cases.md`.
+USUAL = 20.0, 15.0, (0.8, 1.25)
+OTHERS = {
+    "chm_orange": (8.0, 15.0, (0.5, 1.4)),
+    "ilm_solo_m_68": (20.0, 15.0, (0.8, 1.35)),
+    "irid_flake_paint1": (20.0, 12.0, (0.8, 1.25)),
+}
+RESOLVED = ("aurora_white", "cc_ibiza_sunset", "vch_silk_blue")
 
 
 # The finer grid for one, for the sake of time; tests/benchmarks/glossy_materials.py fits all.
@@ -43,9 +48,12 @@ def test_a_material_between_its_samples(name: str, grid: int) -> None:
     simple = [figures(own, ggx_and_lambert(own, seen=seen)) for seen in (True, False)]
     assert found.between > max(each.between for each in simple)
     assert found.mirror > max(each.mirror for each in simple)
-    assert found.body >= BODY.get(name, USUAL_BODY)
-    assert all(ALBEDO[0] <= ratio <= ALBEDO[1] for ratio in found.albedo)
-    assert result.report["objective"]["error"] == "cube-root"
+    on_samples, body, (low, high) = OTHERS.get(name, USUAL)
+    assert found.on_samples >= on_samples
+    assert found.body >= body
+    assert all(low <= ratio <= high for ratio in found.albedo)
+    error = "balanced" if name in RESOLVED else "cube-root"
+    assert result.report["objective"]["error"] == error
     assert result.report["objective"]["chosen_by"] == "data"
 
 

@@ -1,4 +1,8 @@
-"""What a fit minimizes: squared errors, or those of compressed values where data are glossy.
+"""What a fit minimizes: squared errors, or also those of compressed values where data are glossy.
+
+Squared errors of glossy data see the peaks alone, and a body is not worth a lobe. Where directions
+resolve the peaks, errors of cube roots count beside them. Where they do not, values at the peaks
+say little, and errors of cube roots count alone.
 
 Peaks that the directions do not resolve are over-represented: directions are measured as mirror
 images of each other, so that as many pairs meet such a peak as if it were as wide as the angle
@@ -32,7 +36,7 @@ class Objective:
     """What a fit minimizes.
 
     Attributes:
-        error: l2, cube-root or log.
+        error: l2, balanced, cube-root or log.
         chosen: whether the data chose it, and not the settings.
         resolved: width of the narrowest lobes that the directions resolve, as a slope.
         peak: the narrowest peaks, which the directions do not resolve; None: all are resolved.
@@ -52,10 +56,8 @@ class Objective:
         if error == "l2" or (chosen and config.search.method == "stagewise"):
             return cls()
         values = btf.signals(some_texels(btf.texel_count), device)  # [n, C, D]
-        if chosen:
-            error = "cube-root" if is_glossy(values) else "l2"
-        if error == "l2":
-            return cls(chosen=chosen)
+        if chosen and not is_glossy(values):
+            return cls(chosen=True)
         grid = DirectionGrid.build(btf.light, btf.view, device)
         width = config.search.min_width * grid.spacing
         peak = unresolved(grid, values, width)
@@ -64,6 +66,8 @@ class Objective:
         if upright is not None:
             share = upright.width / width
             pair = torch.where(peak_pairs(grid, width), share, 1.0).cpu()
+        if chosen:
+            error = "balanced" if peak is None else "cube-root"
         return cls(error, chosen, width, peak, pair)
 
     @property
@@ -71,20 +75,24 @@ class Objective:
         """Whether errors are those of compressed values."""
         return self.error != "l2"
 
+    @property
+    def unresolved(self) -> bool:
+        """Whether some peaks are narrower than the directions."""
+        return self.peak is not None
+
     def describe(self) -> str | None:
         """What the data chose, in one line; None where that is the plain squared error."""
         if not (self.chosen and self.compressed):
             return None
         line = (
-            f"glossy: {ENERGY:.0%} of the energy lies in under {PAIRS:.0%} of the direction pairs; "
-            f"errors of cube roots count"
+            f"glossy: {ENERGY:.0%} of the energy lies in under {PAIRS:.0%} of the direction pairs"
         )
         if self.peak is None:
-            return line
+            return f"{line}; errors of values and of cube roots count"
         kind = "metal" if self.peak.metal else "dielectric"
         return (
-            f"{line}; peaks narrower than the directions, held to what a {kind} reflects (width "
-            f"{math.degrees(self.peak.width):.2g} degrees)"
+            f"{line}; errors of cube roots count; peaks narrower than the directions, held to what "
+            f"a {kind} reflects (width {math.degrees(self.peak.width):.2g} degrees)"
         )
 
     def figures(self, model: SPMM) -> ObjectiveFigures:
@@ -98,8 +106,9 @@ class Objective:
         return ObjectiveFigures(self.error, by, count, model.narrow_share(limit))
 
     def models(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Models of the lobes: where data are glossy, one with long tails joins the paper's."""
-        return (*names, LONG_TAILED) if self.compressed and names == PAPER_MODELS else names
+        """Models of the lobes: beside unresolved peaks, one with long tails joins the paper's."""
+        joins = self.peak is not None and names == PAPER_MODELS
+        return (*names, LONG_TAILED) if joins else names
 
 
 PLAIN = Objective()

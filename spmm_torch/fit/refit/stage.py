@@ -79,7 +79,7 @@ def refit_pictures(
 def _passes(problem: Problem) -> int:
     """How often the pictures are read."""
     residual = problem.config.residual
-    sweeps = problem.config.refit.sweeps + problem.objective.compressed if residual.rank else 0
+    sweeps = problem.config.refit.sweeps + problem.objective.unresolved if residual.rank else 0
     plain = 1 + (residual.rank > 0 or residual.clusters)  # errors without weights
     return 1 + sweeps + residual.clusters + (0 if problem.weights.uniform else plain)
 
@@ -115,7 +115,7 @@ def _refit(
     if turns is not None:
         for number in range(config.refit.sweeps):
             turns = turns.next(number)
-        if problem.objective.compressed:
+        if problem.objective.unresolved:
             turns = turns.trusted(config.refit.sweeps)
     with context.watch("refit"):
         entries = turns.entries if turns else entries

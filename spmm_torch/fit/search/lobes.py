@@ -11,6 +11,7 @@ from ...runtime.progress import Advance
 from ...solvers.multistart import StartCounts
 from ..cluster import Samples
 from ..dictionary import FoundLobes
+from ..glossy.centre import centred
 from ..glossy.energy import held_to_energy
 from ..problem import Problem
 from .bank import build_bank, narrow_bank
@@ -90,6 +91,8 @@ def find_lobes(
     else:
         lobes = grid.decode(mixtures.model.flatten(), mixtures.coordinates.flatten(0, 1))
         weights = mixtures.weights * mixtures.present[..., None]
+        lobes, weights = centred(lobes, weights.flatten(0, 1), grid, width)
+        weights = weights.view(*mixtures.weights.shape)
         lobes = held_to_energy(lobes, weights, peak, width)[_used(mixtures).flatten()]
     return _found(lobes, mixtures, samples.clusters, signals, finder.counts)
 

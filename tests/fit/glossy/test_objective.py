@@ -9,11 +9,12 @@ from spmm_torch import BTF, FitConfig
 from spmm_torch.brdf import PAPER_MODELS
 from spmm_torch.fit.glossy.objective import Objective
 from spmm_torch.geometry.directions import ring_directions
-from tests.fit.glossy.test_peaks import lobe, samples
+from tests.fit.glossy.test_peaks import WIDTH, lobe, samples
 from tests.planted.btfs import texel_btf
 
 CPU = torch.device("cpu")
-AUTO = FitConfig.from_dict({"weights": {"error": "auto"}})
+AUTO = FitConfig()
+PLAIN = {"weights": {"error": "l2"}}
 
 
 def glossy_btf() -> BTF:
@@ -21,7 +22,15 @@ def glossy_btf() -> BTF:
     return texel_btf(samples(lobe(0.012, 0.9)).transpose(1, 2), ring_directions())
 
 
-def test_glossy_data_choose_cube_roots() -> None:
+def test_peaks_that_the_directions_resolve_choose_balanced_errors() -> None:
+    values = samples(lobe(1.2 * WIDTH, 0.9)).transpose(1, 2)
+    found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
+    assert (found.error, found.chosen, found.peak, found.pair) == ("balanced", True, None, None)
+    assert found.models(PAPER_MODELS) == PAPER_MODELS
+    assert "values and of cube roots" in (found.describe() or "")
+
+
+def test_unresolved_peaks_choose_cube_roots() -> None:
     found = Objective.of(glossy_btf(), AUTO, CPU)
     assert (found.error, found.chosen) == ("cube-root", True)
     assert found.peak is not None and found.pair is not None
@@ -31,7 +40,7 @@ def test_glossy_data_choose_cube_roots() -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [{}, {"weights": {"error": "auto"}, "search": {"method": "stagewise"}}],
+    [PLAIN, {"search": {"method": "stagewise"}}],
 )
 def test_the_settings_and_the_paper_stay_plain(change: dict) -> None:
     found = Objective.of(glossy_btf(), FitConfig.from_dict(change), CPU)
