@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import pytest
+import torch
+from torch import Tensor
 
 from spmm_torch.fit import fit
+from tests.chi2 import check
 from tests.glossy import (
     FOUR_LOBES,
     figures,
@@ -13,6 +16,7 @@ from tests.glossy import (
     material_names,
     of_model,
 )
+from tests.lobes.lobe_cases import VIEW_AZIMUTH, unit_vector
 from tests.locations import needs_data
 
 pytestmark = [pytest.mark.slow, needs_data("rgl_brdfs.npz")]
@@ -55,6 +59,23 @@ def test_a_material_between_its_samples(name: str, grid: int) -> None:
     error = "balanced" if name in RESOLVED else "cube-root"
     assert result.report["objective"]["error"] == error
     assert result.report["objective"]["chosen_by"] == "data"
+
+
+@pytest.mark.parametrize("name", ["chm_light_blue", "vch_silk_blue", "irid_flake_paint1"])
+def test_samples_of_a_material_follow_their_density(name: str) -> None:
+    model = fit(material(name, 81).btf(), FOUR_LOBES, render=False).model.double()
+    middle = torch.full((2,), 0.5, dtype=torch.float64)
+    for number, polar in enumerate((0.0, 45.0, 80.0)):
+        wo = unit_vector(polar, VIEW_AZIMUTH)
+
+        def drawn(u: Tensor, wo: Tensor = wo) -> Tensor:
+            return model.sample(middle, wo, u)[0]
+
+        def density(wi: Tensor, wo: Tensor = wo) -> Tensor:
+            return model.pdf(middle, wi.double(), wo)
+
+        outcome = check(drawn, density, 50_000, 16, 32, seed=120 + number)
+        assert outcome.accepted, (polar, outcome)
 
 
 def test_the_names_are_those_of_the_data() -> None:
