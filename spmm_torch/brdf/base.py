@@ -6,6 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import EllipsisType
 
 import torch
 from torch import Tensor
@@ -120,7 +121,8 @@ class BRDF(ABC):
         """f_r without the cosine, in 1/sr: kappa `[..., P]`, wi and wo `[..., 3]` -> `[...]`.
 
         Leading dimensions broadcast. The value is 0 where wi or wo is under the horizon; values
-        and gradients are finite everywhere.
+        and gradients are finite everywhere. wi and wo may be `Directions`: they are read by their
+        components, `wi[..., 2]`, and in no other way.
         """
 
     @abstractmethod
@@ -133,6 +135,22 @@ class BRDF(ABC):
     @abstractmethod
     def pdf(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """Density `[...]` of `sample` at wi, in 1/sr; it integrates to 1 over the whole sphere."""
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Directions by their components, `[...]` each, read as those of a tensor: `w[..., 2]` is z.
+
+    Components that were just computed need not be copied into one tensor to be read from it.
+    """
+
+    x: Tensor
+    y: Tensor
+    z: Tensor
+
+    def __getitem__(self, index: tuple[EllipsisType, int]) -> Tensor:
+        """A component `[...]`, given `..., 0` and so on."""
+        return (self.x, self.y, self.z)[index[1]]
 
 
 @dataclass(frozen=True)

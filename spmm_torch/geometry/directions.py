@@ -39,6 +39,7 @@ UBO2014_RINGS = (
 # How a texture continues beyond its border.
 REPEAT, MIRROR = "repeat", "mirror"
 RULES = (REPEAT, MIRROR)
+CLAMP = "clamp"  # of lookups only: the border's texels go on for ever
 
 
 def direction_from_angles(theta: Tensor, phi: Tensor) -> Tensor:
@@ -171,3 +172,21 @@ def mirrored(at: Tensor, count: int) -> Tensor:
     """The place `[...]` between the first and last of `count` centres that looks as `at [...]`."""
     edge = torch.remainder(at + 0.5, 2 * count)
     return (torch.minimum(edge, 2 * count - edge) - 0.5).clamp(0.0, count - 1.0)
+
+
+def turn(at: Tensor, count: int, rule: str) -> Tensor:
+    """The derivative `[...]` of the place that `texel_at` reads by a place `at [...]`.
+
+    1, or with `mirror` -1 in reversed copies, and 0 beyond the last centres, where nothing changes.
+
+    Args:
+        at: rows or columns, 0 at the centre of the first.
+        count: rows or columns of the texture.
+        rule: one of `RULES`.
+    """
+    if rule != MIRROR:
+        return torch.ones_like(at)
+    edge = torch.remainder(at + 0.5, 2 * count)
+    place = torch.minimum(edge, 2 * count - edge) - 0.5
+    sign = torch.where(edge < count, 1.0, -1.0).to(at.dtype)
+    return sign * ((place >= 0.0) & (place <= count - 1.0))

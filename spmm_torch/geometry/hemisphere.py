@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -11,7 +11,12 @@ import torch
 from scipy.spatial import ConvexHull, Delaunay, QhullError
 from torch import Tensor
 
-from .directions import disk_from_normal, normal_from_disk
+from .directions import (
+    direction_from_angles,
+    disk_from_normal,
+    hemisphere_spiral,
+    normal_from_disk,
+)
 
 # Smallest determinant of the corners of a triangle that float32 can invert: six times the volume of
 # the tetrahedron of the triangle and the origin.
@@ -27,6 +32,9 @@ MAP_SIZE = 128
 DISK_STRETCH = 2.0
 # Squares along a side of the coarse map, by which cells are chosen for the fine one.
 COARSE_SIZE = 16
+# Directions in the hemisphere, and on the horizon, that are tried for gaps between cells: gaps are
+# sectors between the azimuths of measured directions, not smaller than one of these steps.
+PROBES = 1024
 # Queries that are compared with all cells at once.
 QUERY_BLOCK = 1 << 13
 
@@ -50,6 +58,7 @@ class HemisphereInterpolation:
         third: 1 where the third corner has a value, 0 where it is -z, `[F]`.
         candidates: cells that overlap each square of a map of the equal-area disk, the likeliest
             first, -1 for none, `[rank, MAP_SIZE * MAP_SIZE]`.
+        covers: whether the cells hold all directions of the upper hemisphere.
     """
 
     directions: Tensor
@@ -57,6 +66,7 @@ class HemisphereInterpolation:
     inverse: Tensor
     third: Tensor
     candidates: Tensor
+    covers: bool
 
     @classmethod
     def build(cls, directions: Tensor) -> HemisphereInterpolation:
@@ -68,7 +78,7 @@ class HemisphereInterpolation:
     def to(self, device: torch.device | str) -> HemisphereInterpolation:
         """The same interpolation on another device."""
         parts = (self.directions, self.triangles, self.inverse, self.third, self.candidates)
-        return HemisphereInterpolation(*(part.to(device) for part in parts))
+        return HemisphereInterpolation(*(part.to(device) for part in parts), self.covers)
 
     def weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
         """Measured directions around `w [..., 3]` and their weights, which are >= 0 and sum to 1.
@@ -79,6 +89,48 @@ class HemisphereInterpolation:
         flat = w.reshape(-1, 3)
         index, weight = self._weights(flat)
         return index.reshape(w.shape), weight.reshape(w.shape)
+
+    def weights_of_all(self, w: Tensor) -> tuple[Tensor, Tensor]:
+        """`weights` of queries `[Q, 3]` by the same steps for each, without a look at any value.
+
+        It can be compiled and transformed, and takes longer. Directions under the horizon get
+        finite weights of no meaning.
+        """
+        if not len(self.triangles):
+            return self._nearest(w)
+        with torch.no_grad():
+            cell, margin = self._likeliest(w)
+        first, second, third = self._corner_weights(cell, self._barycentric(cell, w))
+        total = first + second + third
+        held = total > 0.0
+        parts = torch.stack((first, second, third), dim=-1)
+        weight = torch.where(held, 1.0 / torch.where(held, total, 1.0), 0.0)[..., None] * parts
+        index = self.triangles[cell]
+        if self.covers:
+            return index, weight
+        nearest, alone = self._nearest(w)
+        inside = (margin > -EDGE_TOLERANCE)[..., None]
+        return torch.where(inside, index, nearest), torch.where(inside, weight, alone)
+
+    def _likeliest(self, w: Tensor) -> tuple[Tensor, Tensor]:
+        """The candidate that holds each query best, and its margin, `[Q]`; see `_locate`."""
+        square = map_square(w)
+        best = self.candidates[0][square].clamp(min=0)
+        margin = self._margin(best, w)
+        for rank in self.candidates[1:]:
+            other = rank[square]
+            found = self._margin(other.clamp(min=0), w)
+            better = (margin < 0.0) & (other >= 0) & (found > margin)
+            best, margin = torch.where(better, other, best), torch.where(better, found, margin)
+        return best, margin
+
+    def _nearest(self, w: Tensor) -> tuple[Tensor, Tensor]:
+        """The measured direction nearest to each query `[Q, 3]`, as `weights` gives it."""
+        likeness = (w[:, None] * self.directions.to(w.dtype)).sum(-1)  # [Q, N]
+        index = likeness.argmax(dim=-1)
+        first = torch.arange(3, device=w.device) == 0
+        weight = first.to(w.dtype).expand_as(w)
+        return index[:, None].expand(-1, 3), weight
 
     def _weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
         """`weights` of queries `[Q, 3]`."""
@@ -180,9 +232,18 @@ def _built(content: bytes, dtype: torch.dtype) -> HemisphereInterpolation:
     usable = torch.linalg.det(corners).abs() > MIN_DETERMINANT
     inverse = torch.linalg.inv(corners[usable].transpose(1, 2))
     entries = inverse.to(dtype).flatten(1).T.contiguous()  # [9, F]
-    return HemisphereInterpolation(
-        directions, cells[usable], entries, third[usable].to(dtype), _candidates(inverse)
+    mesh = HemisphereInterpolation(
+        directions, cells[usable], entries, third[usable].to(dtype), _candidates(inverse), False
     )
+    return replace(mesh, covers=bool((mesh._locate(_probes().to(dtype)) >= 0).all()))
+
+
+def _probes() -> Tensor:
+    """Directions `[n, 3]` that cells hold all of if they leave no gap: a spiral and the horizon."""
+    azimuth = torch.arange(PROBES) * (2.0 * math.pi / PROBES)
+    horizon = direction_from_angles(torch.full_like(azimuth, 0.5 * math.pi), azimuth)
+    horizon[:, 2] = 0.0
+    return torch.cat((hemisphere_spiral(PROBES, 0.5 * math.pi), horizon))
 
 
 def _candidates(inverse: Tensor) -> Tensor:

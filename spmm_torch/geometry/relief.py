@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
-from .directions import texel_at
+from .directions import texel_at, turn
 from .ray_walk import Cells, Rays, first_heights, folded
 
 # Least slope of the surface against a ray that a gradient is divided by: at an outline it is 0,
@@ -82,18 +83,34 @@ class HeightField:
             uv of the surface point `[..., 2]`, unbounded as `uv`; equal to it where all heights
             are 0. Differentiable in `height`, uv and wo.
         """
-        shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1])
-        uv, wo = uv.expand(*shape, 2), wo.expand(*shape, 3)
+        uv, wo, shift = self._rays(uv, wo)
         if not self.height.requires_grad and self.cells.low == self.cells.high == 0.0:
             return uv
-        shift = self._shift_in_uv(wo).to(torch.promote_types(uv.dtype, wo.dtype))
         with torch.no_grad():
-            t = self._first(uv, shift)
+            t = self.first(uv, shift)
         if torch.is_grad_enabled() and (
             self.height.requires_grad or uv.requires_grad or wo.requires_grad
         ):
             t = self._with_gradient(t, uv, shift)
         return uv + t[..., None] * shift
+
+    def hit_of_all(self, uv: Tensor, wo: Tensor) -> Tensor:
+        """`hit` with the walk as one opaque operator: it can be compiled and transformed.
+
+        Args:
+            uv: places `[..., 2]`.
+            wo: unit views `[..., 3]`.
+        """
+        uv, wo, shift = self._rays(uv, wo)
+        given = (part.detach() for part in (self.height, uv, shift))
+        t = walk_rays(*given, self.rule, self.slope)
+        return uv + self._with_gradient(t, uv, shift)[..., None] * shift
+
+    def _rays(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """uv, wo and the shift in units of u and v, of one shape and of the finer type."""
+        shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1])
+        uv, wo = uv.expand(*shape, 2), wo.expand(*shape, 3)
+        return uv, wo, self._shift_in_uv(wo).to(torch.promote_types(uv.dtype, wo.dtype))
 
     def place(self, uv: Tensor, wo: Tensor) -> Tensor:
         """Where of the plane views would show surface points, if nothing stood before them.
@@ -128,8 +145,13 @@ class HeightField:
         shift = self.shift(wo)
         return shift * shift.new_tensor([1.0, columns / rows])
 
-    def _first(self, uv: Tensor, shift: Tensor) -> Tensor:
-        """The height `[...]` of each hit."""
+    def first(self, uv: Tensor, shift: Tensor) -> Tensor:
+        """The height `[...]` of each hit, without gradient.
+
+        Args:
+            uv: places `[..., 2]`.
+            shift: of rays, in units of u and v for each of height, `[..., 2]`.
+        """
         rows, columns = self.height.shape
         at = uv.reshape(-1, 2).to(shift.dtype)
         speed = shift.reshape(-1, 2)
@@ -147,18 +169,71 @@ class HeightField:
 
         One Newton step, whose value is left out: the walk is exact already.
         """
-        at = t.detach().requires_grad_()
-        along = self._at(uv.detach() + at[..., None] * shift.detach())
-        (slope,) = torch.autograd.grad(along.sum(), at)
+        slope = self._slope(uv.detach() + t[..., None] * shift.detach(), shift.detach())
         height = self._at(uv + t[..., None] * shift)
         crossing = (1.0 - slope).clamp(min=LEAST_CROSSING)
         return t + (height - height.detach()) / crossing
+
+    def _slope(self, uv: Tensor, shift: Tensor) -> Tensor:
+        """By how much the surface rises along rays `[..., 2]` at uv `[..., 2]`, per unit of t."""
+        rows, columns = self.height.shape
+        index, weight = texel_at(uv, rows, columns, self.rule)
+        a, b, c, d = self.height.detach().flatten()[index].unbind(-1)
+        _, right, below, corner = weight.unbind(-1)
+        right, below = right + corner, below + corner
+        across = torch.lerp(b - a, d - c, below)
+        down = torch.lerp(c - a, d - b, right)
+        across = across * turn(uv[..., 0] * columns - 0.5, columns, self.rule)
+        down = down * turn((1.0 - uv[..., 1]) * rows - 0.5, rows, self.rule)
+        return across * (shift[..., 0] * columns) - down * (shift[..., 1] * rows)
 
     def _at(self, uv: Tensor) -> Tensor:
         """The height `[...]` at uv `[..., 2]`."""
         rows, columns = self.height.shape
         index, weight = texel_at(uv, rows, columns, self.rule)
         return (self.height.flatten()[index] * weight).sum(-1)
+
+
+@torch.library.custom_op(
+    "spmm_torch::walk_rays",
+    mutates_args=(),
+    schema="(Tensor height, Tensor uv, Tensor shift, str rule, float slope) -> Tensor",
+)
+def walk_rays(height: Tensor, uv: Tensor, shift: Tensor, rule: str, slope: float) -> Tensor:
+    """`HeightField.first` as an operator of torch: how long a walk takes depends on its values.
+
+    Args:
+        height, rule, slope: of the field.
+        uv, shift: of the rays, `[..., 2]`.
+    """
+    return HeightField(height, rule, slope).first(uv, shift)
+
+
+@walk_rays.register_fake
+def _(height: Tensor, uv: Tensor, shift: Tensor, rule: str, slope: float) -> Tensor:
+    return shift.new_empty(uv.shape[:-1])
+
+
+@walk_rays.register_vmap
+def _(
+    info: Any,
+    in_dims: tuple[int | None, ...],
+    height: Tensor,
+    uv: Tensor,
+    shift: Tensor,
+    rule: str,
+    slope: float,
+) -> tuple[Tensor, int]:
+    """Rays of a whole batch walk together over one map; several maps are walked one by one."""
+    of_height, *of_rays = in_dims[:3]
+    uv, shift = (
+        part.expand(info.batch_size, *part.shape) if dim is None else part.movedim(dim, 0)
+        for part, dim in zip((uv, shift), of_rays, strict=True)
+    )
+    if of_height is None:
+        return walk_rays(height, uv, shift, rule, slope), 0
+    maps = zip(height.movedim(of_height, 0), uv, shift, strict=True)
+    return torch.stack([walk_rays(*each, rule, slope) for each in maps]), 0
 
 
 def texel_centres(rows: int, columns: int, like: Tensor) -> Tensor:

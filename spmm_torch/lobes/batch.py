@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import torch
 from torch import Tensor
 
 from ..brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
-from ..brdf.base import above_horizon
+from ..brdf.base import Directions, above_horizon
 from ..errors import DataError
 from ..geometry.directions import (
     disk_from_normal,
@@ -29,6 +30,8 @@ from .ragged import groups
 # Values of one block of lobes: few enough for the cache of a CPU core, enough to fill a GPU.
 CPU_BLOCK = 1 << 18
 CUDA_BLOCK = 1 << 27
+# Three rows of three entries of matrices, `[...]` each.
+Rotation = tuple[tuple[Tensor, ...], ...]
 # Search coordinates of a lobe: disk x, disk y, angle, then the parameters on [0, 1].
 COORDINATES = 3 + MAX_PARAMETERS
 
@@ -177,28 +180,60 @@ def eval_model(
         DataError: kappa or directions in float16 or bfloat16.
     """
     _check_precision(kappa, wi, wo)
-    rotation = frame_from_normal(normal, angle)  # [J, 3, 3]
-    local_wi, local_wo = rotate(rotation, wi), rotate(rotation, wo)
-    middle = max(wi.ndim, wo.ndim) - 2
-    parameters = kappa.view(kappa.shape[0], *(1,) * middle, kappa.shape[1])
-    value = REGISTRY[model].eval(parameters, local_wi, local_wo)
-    cosine = local_wi[..., 2].clamp(min=0.0)
-    upright = normal[:, 2].view(-1, *(1,) * (cosine.ndim - 1))
-    cosine = lit_cosine(cosine, upright, wi[..., 2], lowest)
+    middle = (1,) * (max(wi.ndim, wo.ndim) - 2)
+    rotation = entries(frame_from_normal(normal, angle).view(-1, *middle, 3, 3))
+    parameters = kappa.view(kappa.shape[0], *middle, kappa.shape[1])
+    return eval_rotated(model, parameters, rotation, wi, wo, horizon, lowest)
+
+
+def eval_rotated(
+    model: int,
+    kappa: Tensor,
+    rotation: Rotation,
+    wi: Tensor,
+    wo: Tensor,
+    horizon: float = 0.0,
+    lowest: float = 0.0,
+) -> Tensor:
+    """`eval_model` of lobes whose frames are known: `[...]`; leading dimensions broadcast.
+
+    Args:
+        model, horizon, lowest: as in `eval_model`.
+        kappa: parameters `[..., P]`.
+        rotation: rows of the frames, see `frame_from_normal`; entries `[...]`.
+        wi, wo: directions `[..., 3]`.
+    """
+    local_wi, local_wo = (Directions(*_rotated(rotation, w)) for w in (wi, wo))
+    # A BRDF reads components alone, whatever holds them.
+    value = REGISTRY[model].eval(kappa, cast("Tensor", local_wi), cast("Tensor", local_wo))
+    cosine = local_wi.z.clamp(min=0.0)
+    cosine = lit_cosine(cosine, rotation[2][2], wi[..., 2], lowest)
     if horizon > 0.0:
-        cosine = cosine * view_step(local_wo[..., 2], horizon)
+        cosine = cosine * view_step(local_wo.z, horizon)
     return value * (cosine * above_horizon(wi, wo))  # Eq. (3)
 
 
 def rotate(rotation: Tensor, w: Tensor) -> Tensor:
-    """Local directions `[J, ..., 3]` of `w [1 or J, ..., 3]`, each component contiguous.
+    """Local directions `[J, ..., 3]` of `w [1 or J, ..., 3]`, for `rotation [J, 3, 3]`.
+
+    Each component is contiguous.
+    """
+    rows = entries(rotation.view(-1, *(1,) * (w.ndim - 2), 3, 3))
+    return torch.stack(_rotated(rows, w)).movedim(0, -1)
+
+
+def entries(rotation: Tensor) -> Rotation:
+    """The rows of matrices `[..., 3, 3]`, entry by entry, `[...]` each."""
+    return tuple(row.unbind(-1) for row in rotation.unbind(-2))
+
+
+def _rotated(rows: Rotation, w: Tensor) -> list[Tensor]:
+    """Components `[...]` of local directions, contiguous, of `w [..., 3]`.
 
     Written out, because matrix libraries are slow for products of 3 x 3 matrices.
     """
-    x, y, z = w.movedim(-1, 0).contiguous()  # [1 or J, ...] each
-    r = rotation.view(-1, *(1,) * x[0].ndim, 3, 3)  # [J, ..., 3, 3]
-    rows = [r[..., i, 0] * x + r[..., i, 1] * y + r[..., i, 2] * z for i in range(3)]
-    return torch.stack(rows).movedim(0, -1)
+    x, y, z = w.movedim(-1, 0).contiguous().unbind()
+    return [a * x + b * y + c * z for a, b, c in rows]
 
 
 def anisotropic_mask(model: Tensor) -> Tensor:

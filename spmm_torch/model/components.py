@@ -161,14 +161,14 @@ class Components(nn.Module):
         """
         parts = (self.code, self.scale, self.coefficient, self.coefficient_scale)
         if any(part.requires_grad for part in parts):
-            return self._decoded(dtype)
+            return self.decoded(dtype)
         state = (dtype, *((part.data_ptr(), changes(part)) for part in parts))
         if self._kept is None or self._kept[0] != state:
-            self._kept = state, self._decoded(dtype)
+            self._kept = state, self.decoded(dtype)
         return self._kept[1]
 
-    def _decoded(self, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-        """`_tables`, made anew."""
+    def decoded(self, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+        """Functions `[V L, R C]`, pair by pair, and coefficients `[T, R]`, made anew."""
         functions = self.code.to(dtype) * self.scale.to(dtype)[:, :, None, None]
         coefficients = self.coefficient.to(dtype) * self.coefficient_scale.to(dtype)
         return functions.permute(1, 2, 0, 3).flatten(2).flatten(0, 1), coefficients

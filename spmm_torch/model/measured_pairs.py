@@ -43,8 +43,22 @@ class MeasuredPairs:
         Args:
             wi, wo: directions `[Q, 3]`.
         """
-        light, light_weight = self.light.weights(wi)  # [Q, 3]
-        view, view_weight = self.view.weights(wo)  # [Q, 3]
+        return self._combined(wi, wo, self.light.weights(wi), self.view.weights(wo))
+
+    def around_all(self, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
+        """`around` by `HemisphereInterpolation.weights_of_all`.
+
+        Args:
+            wi, wo: directions `[Q, 3]`.
+        """
+        lights, views = self.light.weights_of_all(wi), self.view.weights_of_all(wo)
+        return self._combined(wi, wo, lights, views)
+
+    def _combined(
+        self, wi: Tensor, wo: Tensor, lights: tuple[Tensor, Tensor], views: tuple[Tensor, Tensor]
+    ) -> tuple[Tensor, Tensor]:
+        """Pairs of three lights and three views, given (index, weight) of both, `[Q, 3]` each."""
+        (light, light_weight), (view, view_weight) = lights, views
         fade = grazing_fade(wi[:, 2:], self.lowest_light) * (wo[:, 2:] > 0.0)
         pair = view[:, :, None] * len(self.light.directions) + light[:, None, :]
         weight = view_weight[:, :, None] * (light_weight * fade)[:, None, :]

@@ -87,7 +87,7 @@ class Relief(nn.Module):
         """The height of each of T texels, `[T]`."""
         return self.height.expand(texels)
 
-    def field(self, rows: int, columns: int, view: Tensor) -> HeightField:
+    def field(self, rows: int, columns: int, view: Tensor, rule: str | None = None) -> HeightField:
         """The heights over H x W texels, for the walk of rays.
 
         It is kept as long as the heights stay as they are and need no gradient. Changes through
@@ -96,14 +96,23 @@ class Relief(nn.Module):
         Args:
             rows, columns: H and W.
             view: measured views `[V, 3]`: more grazing ones shift as much as the steepest of them.
+            rule: how heights continue beyond the border; None: by the rule of the relief.
         """
-        height = self.height
+        height, rule = self.height, rule or self.rule
         live = torch.is_grad_enabled() and height.requires_grad
-        key = (height.data_ptr(), height._version, height.dtype, rows, columns, view.data_ptr())
+        key = (
+            height.data_ptr(),
+            height._version,
+            height.dtype,
+            rows,
+            columns,
+            view.data_ptr(),
+            rule,
+        )
         if not live and self._field is not None and self._field[0] == key:
             return self._field[1]
         over = (height if live else height.detach()).expand(rows * columns).view(rows, columns)
-        field = HeightField(over, self.rule, steepest(view, STEEPEST))
+        field = HeightField(over, rule, steepest(view, STEEPEST))
         if not live:
             self._field = key, field
         return field

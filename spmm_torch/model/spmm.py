@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
 from ..brdf import MODEL_NAMES
-from ..errors import OutputError
-from ..geometry.directions import REPEAT, texel_at
+from ..errors import ConfigError, OutputError
+from ..geometry.directions import CLAMP, REPEAT, RULES, texel_at
 from ..geometry.grazing import lowest_cosine
-from ..geometry.relief import texel_centres
+from ..geometry.relief import steepest, texel_centres
 from ..lobes.batch import LobeBatch
 from ..lobes.ragged import stable_order
 from ..lobes.sampling import LobeTable, lobe_intensity, specular_mask
 from ..runtime import tensor_file
 from ..runtime.atomic import write_atomic
 from ..runtime.device import full_precision, plain_torch
-from . import bounds, file, sampling
+from . import bounds, dense, file, sampling
 from .components import Components, changes
 from .lookup import SparseWeights, TexelBlocks, blocks_met
 from .queries import check_queries
-from .relief import Relief
+from .relief import STEEPEST, Relief
 from .residual import Residual
 
 # (query, lobe) entries that are evaluated at once: some MB, which the caches of a CPU hold.
@@ -39,6 +40,10 @@ class SPMM(nn.Module):
     Queries are checked: directions that are not unit, or NaN, are refused. This costs about a
     hundredth of an evaluation on a CPU, and one wait for a GPU; `checks_queries = False` turns it
     off.
+
+    `wrap` says how uv go on beyond the border in place of the rule of the relief: `repeat`,
+    `mirror`, or `clamp`, which holds them at the centres of the border's texels. It is a setting of
+    the lookup, and no part of a file.
 
     Args:
         height, width: texels of the texture, H and W.
@@ -93,7 +98,11 @@ class SPMM(nn.Module):
         self.relief = relief
         self.register_buffer("light", light)
         self.register_buffer("view", view)
+        self._wrap: str | None = None
         self._sampling: tuple[tuple[object, ...], sampling.SamplingData] | None = None
+        self._dense: tuple[tuple[object, ...], dense.DenseTables] | None = None
+        self._keep_structure()
+        self.register_load_state_dict_post_hook(SPMM._keep_structure)
 
     @classmethod
     def load(cls, run: Path | str, device: torch.device | str = "cpu") -> SPMM:
@@ -147,6 +156,19 @@ class SPMM(nn.Module):
         of its BRDF. For the end of each step of training, which knows nothing of these bounds.
         """
         bounds.project(self)
+        return self
+
+    def requires_grad_lobes(self, requires_grad: bool = True) -> SPMM:
+        """Trains the lobes (kappa, normals and angles), or freezes them; returns the model.
+
+        Weights, the residual and the relief stay as they are: `model.weight.requires_grad_(False)`
+        freezes weights. In float32 codes, the residual can be trained, too.
+
+        Args:
+            requires_grad: whether autograd records what is done with the lobes.
+        """
+        for part in (self.kappa, self.normal, self.angle):
+            part.requires_grad_(requires_grad)
         return self
 
     def to_tensors(self) -> tuple[dict[str, Tensor], dict[str, str]]:
@@ -211,15 +233,49 @@ class SPMM(nn.Module):
     @property
     def rule(self) -> str:
         """How the texture continues beyond its border; see `directions.RULES`."""
+        if self.wrap in RULES:
+            return self.wrap
         return REPEAT if self.relief is None else self.relief.rule
+
+    @property
+    def wrap(self) -> str | None:
+        """How uv go on beyond the border: `repeat`, `mirror`, `clamp`; None: by the relief's rule.
+
+        Raises:
+            ConfigError: another word is set.
+        """
+        return self._wrap
+
+    @wrap.setter
+    def wrap(self, wrap: str | None) -> None:
+        if wrap not in (None, CLAMP, *RULES):
+            raise ConfigError(
+                f"wrap is {wrap!r}; expected one of {', '.join((*RULES, CLAMP))}, or None for the "
+                f"rule of the relief; choose one of them."
+            )
+        self._wrap = wrap
+
+    def held(self, uv: Tensor) -> Tensor:
+        """uv `[..., 2]` as looked up: with `clamp`, between the outer centres of texels."""
+        if self.wrap != CLAMP:
+            return uv
+        half = 0.5 / self.width, 0.5 / self.height
+        parts = zip(uv.unbind(-1), half, strict=True)
+        return torch.stack([part.clamp(edge, 1.0 - edge) for part, edge in parts], dim=-1)
 
     @property
     def sparse_weights(self) -> SparseWeights:
         """The entries of all texels."""
         return SparseWeights(self.offset, self.index, self.weight)
 
-    @full_precision()
-    def forward(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
+    def forward(
+        self,
+        uv: Tensor,
+        wi: Tensor,
+        wo: Tensor,
+        residual: bool = True,
+        padded: bool | None = None,
+    ) -> Tensor:
         """Cosine-weighted reflectance [WDR11 Eq. 2].
 
         A view shows the point where its ray meets the relief. Texels are interpolated bilinearly,
@@ -228,10 +284,15 @@ class SPMM(nn.Module):
         residual is interpolated between those, and signed, so values a little below 0 occur. Both
         fade below the lowest measured light.
 
+        There are two ways to the same values: ragged lists, which is the fast way of a program that
+        runs as it stands, and padded tables, which `torch.compile`, `torch.export` and `torch.func`
+        can follow. These get the second, unless told otherwise, and check no queries.
+
         Args:
             uv: texture coordinates `[..., 2]`, u right, v up.
             wi, wo: unit light and view directions `[..., 3]`, pointing away from the surface.
             residual: whether to add epsilon.
+            padded: whether to go by padded tables; None: where torch records or transforms.
 
         Returns:
             Linear RGB `[..., C]`; 0 where wi or wo is under the horizon. Differentiable.
@@ -239,12 +300,49 @@ class SPMM(nn.Module):
         Raises:
             DataError: a direction is not unit, or a number is NaN; see `checks_queries`.
         """
-        if self.checks_queries:
+        traced = dense.traced()
+        if self.checks_queries and not traced:
             check_queries(uv=uv, wi=wi, wo=wo)
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
-        value = self._mixed(*self.texels_seen(uv, wo), wi, wo, residual=residual)
+        if traced if padded is None else padded:
+            value = dense.values(self, uv, wi, wo, residual=residual, block=EVALUATED_ENTRIES)
+        else:
+            value = self._ragged(uv, wi, wo, residual)
         return value.view(*shape, self.weight.shape[1])
+
+    @full_precision()
+    def _ragged(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool) -> Tensor:
+        """`forward` of queries `[Q, 2]` and `[Q, 3]` by ragged lists, `[Q, C]`."""
+        return self._mixed(*self.texels_seen(uv, wo), wi, wo, residual=residual)
+
+    def padded_tables(self) -> dense.DenseTables:
+        """The entries of all texels with padding, kept as long as they are the same.
+
+        What was compiled or exported holds those of its time.
+        """
+        self._keep_tables()
+        assert self._dense is not None
+        return self._dense[1]
+
+    @torch.compiler.assume_constant_result
+    def _keep_tables(self) -> None:
+        """Makes `padded_tables` if there are none yet, or the entries are others; never traced."""
+        state = tuple((part.data_ptr(), changes(part)) for part in self._structure)
+        if self._dense is None or self._dense[0] != state:
+            with dense.untraced():
+                self._dense = state, dense.DenseTables.build(*self._structure)
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> SPMM:
+        """Moves and makes anew what is kept beside parameters and buffers."""
+        super()._apply(fn, recurse)
+        self._keep_structure()
+        return self
+
+    def _keep_structure(self, *_: object) -> None:
+        """Keeps the entries' tensors apart from the buffers: an export has these replaced."""
+        self._structure = self.offset, self.index, self.lobe_model
+        self.steepest = steepest(self.view, STEEPEST)
 
     @full_precision()
     def sample(self, uv: Tensor, wo: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -292,14 +390,17 @@ class SPMM(nn.Module):
 
     @plain_torch()
     @torch.no_grad()
-    def sampling_data(self) -> sampling.SamplingData:
+    def sampling_data(self, renew: bool = False) -> sampling.SamplingData:
         """What importance sampling needs, kept until a parameter changes.
 
         A change through `.data`, which torch does not count, is not seen.
+
+        Args:
+            renew: whether to make it anew, whatever has been seen.
         """
         parts = (*self.parameters(), *self.buffers())
         state = tuple((part.data_ptr(), changes(part)) for part in parts)
-        if self._sampling is None or self._sampling[0] != state:
+        if renew or self._sampling is None or self._sampling[0] != state:
             data = sampling.SamplingData.build(
                 self.dictionary, self.offset, self.index, self.weight, self._residual_intensity()
             )
@@ -318,9 +419,10 @@ class SPMM(nn.Module):
         Returns:
             (index `[..., 4]`, weight `[..., 4]`).
         """
+        uv = self.held(uv)
         if self.relief is None:
-            return texel_at(uv, self.height, self.width)
-        field = self.relief.field(self.height, self.width, self.view)
+            return texel_at(uv, self.height, self.width, self.rule)
+        field = self.relief.field(self.height, self.width, self.view, self.rule)
         return texel_at(field.hit(uv, wo), self.height, self.width, self.rule)
 
     def _mixed(

@@ -67,7 +67,6 @@ class Rendering:
     coverage: Tensor
 
 
-@torch.no_grad()
 def render(
     material: Material,
     scene: Scene,
@@ -75,6 +74,7 @@ def render(
     device: torch.device | str = "cpu",
     dtype: torch.dtype = torch.float32,
     progress: Callable[[int], object] | None = None,
+    differentiable: bool = False,
 ) -> Rendering:
     """Renders by direct light; the same seed gives the same picture on the same device.
 
@@ -84,10 +84,25 @@ def render(
         settings: size and samples.
         device, dtype: of the computation and of the result.
         progress: called with the number of eye rays just done.
+        differentiable: whether autograd records the picture, as a function of what the material
+            computes with; it then keeps all of it in memory.
 
     Raises:
         ConfigError: the camera sees nothing of the shape.
     """
+    with torch.set_grad_enabled(differentiable and torch.is_grad_enabled()):
+        return _render(material, scene, settings, device, dtype, progress)
+
+
+def _render(
+    material: Material,
+    scene: Scene,
+    settings: RenderSettings,
+    device: torch.device | str,
+    dtype: torch.dtype,
+    progress: Callable[[int], object] | None,
+) -> Rendering:
+    """`render`, with or without a record for gradients."""
     count = settings.size**2
     total = torch.zeros(count, 3, dtype=dtype, device=device)
     covered = torch.zeros(count, dtype=dtype, device=device)

@@ -1,16 +1,19 @@
 """A model at a million (uv, wi, wo), against the least that this takes.
 
-`python -m tests.benchmarks.evaluate_triples [--threads 2] [--count 1000000]`
+`python -m tests.benchmarks.evaluate_triples [--threads 2] [--count 1000000] [--model RUN]`
 
 The least: a bare gather of the weights of the four texels around every query, plus the values of
 all their lobes by a kernel that torch.compile fuses for each BRDF (which needs a C++ compiler), on
-arrays that lie ready. The model has 256 x 256 texels of 8 lobes each.
+arrays that lie ready. The model has 256 x 256 texels of 8 lobes each, or is that of a run, whose
+number of lobes a texel varies: then its own ways alone are compared, as it stands and compiled.
 """
 
 from __future__ import annotations
 
 import argparse
 import functools
+import math
+import time
 from collections.abc import Callable
 
 import torch
@@ -62,30 +65,48 @@ def fused_values(lobes: LobeBatch, wi: Tensor, wo: Tensor, values: int) -> Calla
     return work
 
 
+def compiled(model: SPMM, uv: Tensor, wi: Tensor, wo: Tensor) -> dict[str, Callable[[], object]]:
+    """The compiled model without and with residual, compiled here for another size of the batch."""
+    call, calls = torch.compile(model, dynamic=True, fullgraph=True), {}
+    for name, residual in (("compiled", False), ("compiled with residual", True)):
+        start = time.perf_counter()
+        call(uv[:1000], wi[:1000], wo[:1000], residual)
+        print(f"{name:24} {time.perf_counter() - start:8.3f} s to compile")
+        calls[name] = functools.partial(call, uv, wi, wo, residual)
+    return calls
+
+
 @torch.no_grad()
 def main() -> None:
-    """Prints seconds and their ratio."""
+    """Prints seconds and their ratios."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--model", help="run, in place of the planted model")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
-    model = planted_model(TEXELS, LOBES, CLUSTERS, CLUSTER_LOBES)
+    planted = options.model is None
+    if planted:
+        model = planted_model(TEXELS, LOBES, CLUSTERS, CLUSTER_LOBES)
+    else:
+        model = SPMM.load(options.model)
     uv, wi, wo = queries(options.count)
-    values = fused_values(model.dictionary.detach(), wi, wo, 4 * LOBES * options.count)
-    work = {
+    work: dict[str, Callable[[], object]] = {
         "model": lambda: model(uv, wi, wo, residual=False),
         "with residual": lambda: model(uv, wi, wo),
-        "gather": lambda: gather(model, uv),
-        "fused lobes": values,
+        **compiled(model, uv, wi, wo),
     }
+    if planted:
+        work["gather"] = lambda: gather(model, uv)
+        work["fused lobes"] = fused_values(
+            model.dictionary.detach(), wi, wo, 4 * LOBES * options.count
+        )
     seconds = {part: best_time(call, "cpu", options.repeats) for part, call in work.items()}
+    least = seconds.get("gather", math.nan) + seconds.get("fused lobes", math.nan)
     for part, value in seconds.items():
-        print(f"{part:14} {value:8.3f} s")
-    least = seconds["gather"] + seconds["fused lobes"]
-    print(f"{'ratio':14} {seconds['model'] / least:8.2f}   with residual", end="")
-    print(f" {seconds['with residual'] / least:.2f}")
+        ratio = f"   {value / least:5.2f} times the least" if planted else ""
+        print(f"{part:24} {value:8.3f} s{ratio}")
 
 
 if __name__ == "__main__":

@@ -54,6 +54,22 @@ def test_lambertian_sphere_under_the_sun() -> None:
     assert area == pytest.approx(math.pi, rel=2e-3)
 
 
+@pytest.mark.parametrize("light", [SUN, GREY], ids=["sun", "environment"])
+def test_a_differentiable_picture(light: DirectionalLight | EnvironmentLight) -> None:
+    """A picture is linear in an albedo, so its derivative is that of albedo 1."""
+    albedo = torch.full((3,), 0.4, requires_grad=True)
+
+    def material(uv: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        return albedo * wi[..., 2:].clamp(min=0.0)
+
+    scene, settings = Scene(Sphere(), FRONT, (light,)), RenderSettings(size=12, samples=2)
+    picture = render(material, scene, settings, differentiable=True).picture
+    (slope,) = torch.autograd.grad(picture.sum(), albedo)
+    torch.testing.assert_close(slope, picture.detach().sum((0, 1)) / 0.4)
+    plain = render(material, scene, settings).picture
+    assert torch.equal(plain, picture) and not plain.requires_grad
+
+
 def test_several_lights_add_up() -> None:
     lights = (SUN, PointLight.build((2.0, 0.0, 3.0)), DirectionalLight.build((-1.0, 0.0, 0.5)))
     settings = RenderSettings(size=24, samples=2)

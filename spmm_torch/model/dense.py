@@ -1,0 +1,200 @@
+"""Eq. 2 by the same steps for every query: padded tables in place of ragged lists.
+
+What `lookup` sorts and cuts, this evaluates with padding: every texel has as many places for lobes
+of a BRDF as the texel with the most. Nothing depends on values or is written in place, so it can be
+compiled, exported and transformed by `torch.func`. Run as it stands it takes longer than `lookup`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import torch
+from torch import Tensor
+from torch._functorch.pyfunctorch import temporarily_clear_interpreter_stack
+from torch.utils._python_dispatch import _disable_current_modes
+
+from ..brdf import REGISTRY
+from ..geometry.directions import frame_from_normal, texel_at
+from ..geometry.relief import HeightField
+from ..lobes.batch import LobeBatch, entries, eval_rotated
+from .components import Components
+from .residual import Residual
+
+if TYPE_CHECKING:
+    from .spmm import SPMM
+
+
+@dataclass(frozen=True)
+class Places:
+    """The places of all texels for lobes of one BRDF.
+
+    Attributes:
+        model: index into `MODEL_NAMES`.
+        entry: entry of each place, `[T, M]` int32; N, one past the last, where there is none.
+        lobe: its lobe, `[T, M]` int32; any one of the BRDF where there is none.
+    """
+
+    model: int
+    entry: Tensor
+    lobe: Tensor
+
+
+@dataclass(frozen=True)
+class DenseTables:
+    """The entries of T texels with padding, BRDF by BRDF: M places a texel in all.
+
+    Attributes:
+        groups: of the BRDFs in use.
+    """
+
+    groups: tuple[Places, ...]
+
+    @property
+    def places(self) -> int:
+        """Places of a texel, M."""
+        return sum(group.entry.shape[1] for group in self.groups)
+
+    @classmethod
+    def build(cls, offset: Tensor, index: Tensor, model: Tensor) -> DenseTables:
+        """The tables of entries.
+
+        Args:
+            offset: where each texel's entries start, `[T + 1]`.
+            index: lobe of each entry, `[N]`.
+            model: BRDF of each lobe, `[J]`.
+        """
+        texels, entries = len(offset) - 1, len(index)
+        texel = torch.repeat_interleave(offset[1:] - offset[:-1])  # [N]
+        key = texel * len(REGISTRY) + model[index]
+        order = torch.argsort(key, stable=True)
+        count = torch.bincount(key, minlength=texels * len(REGISTRY))
+        rank = torch.arange(entries, device=index.device) - (count.cumsum(0) - count)[key[order]]
+        groups = []
+        for brdf, most in enumerate(count.view(texels, -1).amax(0).tolist()):
+            if most:
+                own = model[index[order]] == brdf
+                entry = index.new_full((texels, most), entries)
+                entry[texel[order[own]], rank[own]] = order[own]
+                padding = torch.nonzero(model == brdf)[:1, 0]
+                lobe = torch.cat((index, padding))[entry]
+                groups.append(Places(brdf, entry.int(), lobe.int()))
+        return cls(tuple(groups))
+
+
+def traced() -> bool:
+    """Whether torch records or transforms what is computed: compile, export, vmap, grad, jvp."""
+    return torch.compiler.is_compiling() or torch._C._functorch.maybe_current_level() is not None
+
+
+@contextmanager
+def untraced() -> Iterator[None]:
+    """Real tensors are computed with as if nothing was recorded or transformed."""
+    outside = temporarily_clear_interpreter_stack(), _disable_current_modes()
+    with outside[0], outside[1], torch.inference_mode(False), torch.no_grad():
+        yield
+
+
+def values(
+    model: SPMM, uv: Tensor, wi: Tensor, wo: Tensor, *, residual: bool, block: int
+) -> Tensor:
+    """`SPMM.forward` of Q queries by padded tables, `[Q, C]`.
+
+    There are no matrix products in it, whose precision the program around could lower.
+
+    Args:
+        model: the model.
+        uv, wi, wo: `[Q, 2]`, `[Q, 3]`, `[Q, 3]`.
+        residual: whether to add epsilon.
+        block: (query, place) entries that are evaluated at once; all where torch records them.
+    """
+    tables = model.padded_tables()
+    if torch.compiler.is_compiling():  # the number of queries stays open
+        return _values(model, tables, uv, wi, wo, residual)
+    size = max(1, block // max(1, 4 * tables.places))
+    parts = zip(*(part.split(size) for part in (uv, wi, wo)), strict=True)
+    return torch.cat([_values(model, tables, *part, residual) for part in parts])
+
+
+def _values(
+    model: SPMM, tables: DenseTables, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool
+) -> Tensor:
+    """`values` of one block of queries."""
+    uv = model.held(uv)
+    if model.relief is not None:
+        heights = model.relief.heights(model.texel_count).view(model.height, model.width)
+        uv = HeightField(heights, model.rule, model.steepest).hit_of_all(uv, wo)
+    at = *texel_at(uv, model.height, model.width, model.rule), wi, wo
+    total = lobe_sums(tables, model.dictionary, model.weight, *at)
+    if residual:
+        total = total + residual_sums(model.residual, model.components, model.labels, *at)
+    return total
+
+
+def lobe_sums(
+    tables: DenseTables,
+    lobes: LobeBatch,
+    weight: Tensor,
+    texel: Tensor,
+    bilinear: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+) -> Tensor:
+    """The sum over lobes in Eq. 2 [WDR11] for Q queries, `[Q, C]`.
+
+    Args:
+        tables: of the texture.
+        lobes: the dictionary.
+        weight: alpha of each entry, `[N, C]`.
+        texel, bilinear: four texels of each query and their weights, `[Q, 4]`.
+        wi, wo: directions `[Q, 3]`.
+    """
+    frame = frame_from_normal(lobes.normal, lobes.angle)  # [J, 3, 3]
+    padded = torch.cat((weight, weight.new_zeros(1, weight.shape[1])))  # [N + 1, C]
+    texel, bilinear = texel.T, bilinear.T  # queries last, as long loops want it
+    total = bilinear.sum(0)[:, None] * padded.new_zeros(padded.shape[1])  # [Q, C]
+    for group in tables.groups:
+        place = torch.arange(group.entry.shape[1], device=texel.device)[:, None, None]
+        which, lobe = (table[texel, place].long() for table in (group.entry, group.lobe))
+        rotation = tuple(tuple(part[lobe] for part in row) for row in entries(frame))
+        parts = lobes.kappa[lobe], rotation, wi, wo  # [M, 4, Q, ...]
+        rho = eval_rotated(group.model, *parts, lobes.horizon, lobes.lowest) * bilinear
+        sums = [(rho * column[which]).sum((0, 1)) for column in padded.unbind(1)]
+        total = total + torch.stack(sums, dim=-1)
+    return total
+
+
+def residual_sums(
+    residual: Residual,
+    components: Components | None,
+    labels: Tensor,
+    texel: Tensor,
+    bilinear: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+) -> Tensor:
+    """The residual in Eq. 2 of Q queries, `[Q, C]`; see `SPMM.epsilon`.
+
+    Args:
+        residual: of the clusters.
+        components: of the texels; None for none.
+        labels: cluster of each texel, `[T]`.
+        texel, bilinear, wi, wo: as in `lobe_sums`.
+    """
+    pair, weight = residual.pairs.around_all(wi, wo)  # [Q, 9]
+    total = weight.new_zeros(1, residual.code.shape[-1])
+    if len(residual.code):
+        cluster = labels[texel]  # [Q, 4]
+        code = residual.code.flatten(1, 2)[cluster[:, :, None], pair[:, None]]  # [Q, 4, 9, C]
+        mixed = bilinear * residual.scale.to(weight.dtype)[cluster]
+        mixed = mixed[:, :, None] * weight[:, None]  # [Q, 4, 9]
+        total = total + (code.to(weight.dtype) * mixed[..., None]).sum((1, 2))
+    if components is not None:
+        functions, coefficients = components.decoded(weight.dtype)
+        value = (functions[pair] * weight[..., None]).sum(1)  # [Q, R C]
+        mixed = (coefficients[texel] * bilinear[..., None].to(weight.dtype)).sum(1)  # [Q, R]
+        total = total + (mixed[..., None] * value.unflatten(1, (components.rank, -1))).sum(1)
+    return total
