@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..data import BTF
@@ -104,5 +105,6 @@ def _check_size(btf: BTF, model: SPMM, path: str, run: Path) -> None:
 
 def _seen(directions: Tensor, fitted: Tensor) -> Tensor:
     """Which of `directions [N, 3]` are among those of the fit, `[N]` bool."""
-    distance = torch.cdist(directions.double().cpu(), fitted.detach().double().cpu())
-    return distance.amin(dim=1) < SAME_DIRECTION
+    tree = KDTree(fitted.detach().double().cpu().numpy())  # no table of all pairs
+    distance, _ = tree.query(directions.double().cpu().numpy())
+    return torch.from_numpy(distance < SAME_DIRECTION)
