@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from scipy.spatial import KDTree
 from torch import Tensor
 
 from ..data import BTF
 from ..errors import DataError
+from ..geometry.neighbours import nearest
 from ..model.spmm import SPMM
 from ..runs.inputs import read_input, read_report
 
@@ -105,6 +105,5 @@ def _check_size(btf: BTF, model: SPMM, path: str, run: Path) -> None:
 
 def _seen(directions: Tensor, fitted: Tensor) -> Tensor:
     """Which of `directions [N, 3]` are among those of the fit, `[N]` bool."""
-    tree = KDTree(fitted.detach().double().cpu().numpy())  # no table of all pairs
-    distance, _ = tree.query(directions.double().cpu().numpy())
-    return torch.from_numpy(distance < SAME_DIRECTION)
+    distance, _ = nearest(directions.cpu(), fitted)
+    return distance[:, 0] < SAME_DIRECTION
