@@ -72,8 +72,8 @@ def add_options(parser: Parser) -> None:
     add(
         "--max-memory",
         metavar="SIZE",
-        help="memory to use at most, such as 4GB; never changes the result (default: half of what "
-        "is free)",
+        help="memory to use at most, such as 4GB, libraries apart; never changes the result "
+        "(default: half of what is free)",
     )
     add_cache(parser)
     parser.epilog = "settings for --config and --set, with their defaults:\n\n" + "\n".join(

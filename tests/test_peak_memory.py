@@ -28,14 +28,14 @@ import sys, torch
 from spmm_torch import FitConfig, load_btf
 from spmm_torch.cli.main import main
 from spmm_torch.data import blocks
-from spmm_torch.fit import pipeline, plan
+from spmm_torch.fit import pipeline, plan, stage_memory
 from spmm_torch.fit.search import joint
 from spmm_torch.fit.select import alternate, clusters
 
 blocks.CPU_BLOCK_VALUES = 1 << 20
-for module in (joint, plan):
+for module in (joint, stage_memory):
     module.CPU_JACOBIAN_VALUES = 1 << 20
-for module in (alternate, clusters):
+for module in (alternate, clusters, stage_memory):
     module.CPU_TEXELS = 1 << 8
 source, run, cache, settings = sys.argv[1:]
 config = FitConfig.from_yaml(settings).override(["device=cpu"])

@@ -52,11 +52,12 @@ def peaks(kept: Tensor, light: Tensor, view: Tensor) -> Peaks:
     found = close & (height > PEAK_RATIO * base.clamp(min=0.0)) & (height > 0.0)
     if not bool(found.any()):
         return Peaks(spacing, 0.0, None)
-    apart = torch.cdist(light, light)
-    near = (apart < NEAR * spacing) & (apart > 0.0)  # [l, l]
-    rows = near[at[found]]
-    beside = torch.where(rows, brdf[found], -torch.inf).amax(-1)
-    distance = torch.where(rows, apart[at[found]], torch.inf).amin(-1)
+    # By products, a light would be some 1e-4 from itself, and its own neighbour.
+    exact = "donot_use_mm_for_euclid_dist"
+    apart = torch.cdist(light[at[found]], light, compute_mode=exact)  # [peaks, l]
+    near = (apart < NEAR * spacing) & (apart > 0.0)
+    beside = torch.where(near, brdf[found], -torch.inf).amax(-1)
+    distance = torch.where(near, apart, torch.inf).amin(-1)
     beside = torch.where(beside.isfinite(), beside, base[found])
     left = (beside - base[found]).clamp(min=1e-6 * height[found])
     fall = ((height[found] - base[found]) / left).clamp(min=1.0 + 1e-6)

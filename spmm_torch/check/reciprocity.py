@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..geometry.neighbours import nearest
+
 # Directions closer than this are the same, in radians.
 SAME_DIRECTION = 2e-3
 # Least number of exchanged pairs that a slope is guessed from.
@@ -44,9 +46,9 @@ def exchange(mean: Tensor, light: Tensor, view: Tensor) -> Exchange:
         mean: mean values `[V, L]`; 0 where there is none.
         light, view: unit vectors `[L, 3]`, `[V, 3]`.
     """
-    same = torch.cdist(view.double(), light.double()) < SAME_DIRECTION  # [V, L]
-    views = torch.nonzero(same.any(1)).squeeze(1)  # views that are lights too
-    twin = same[views].int().argmax(1)  # [n], the light of each
+    distance, beside = (found[:, 0] for found in nearest(view, light))  # [V]
+    views = torch.nonzero(distance < SAME_DIRECTION).squeeze(1)  # views that are lights too
+    twin = beside[views]  # [n], the light of each
     table = mean.double()[views][:, twin]  # [n, n]
     cosine = view[views, 2].double().clamp(min=1e-3).log()
     first, second = torch.triu_indices(len(views), len(views), 1)

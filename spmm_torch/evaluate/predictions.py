@@ -16,6 +16,7 @@ from torch import Tensor
 
 from ..data import BTF
 from ..geometry.directions import direction_pairs
+from ..geometry.neighbours import nearest
 from ..model.relief import Relief
 from ..model.spmm import SPMM
 from ..runtime.memory import slices
@@ -153,8 +154,7 @@ def _drifts(model: SPMM, relief: Relief, view: Tensor) -> Tensor:
     drift = torch.zeros(len(view), 2, device=model.view.device)
     if relief.drift is None:
         return drift
-    distance = torch.cdist(view.to(model.view).double(), model.view.double())  # [V', V]
-    nearest, own = distance.min(dim=1)
-    known = nearest < SAME_DIRECTION
+    distance, own = (found[:, 0] for found in nearest(view.to(drift.device), model.view))
+    known = distance < SAME_DIRECTION
     drift[known] = relief.drift[own[known]].to(drift)
     return drift

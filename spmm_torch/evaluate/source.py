@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..data import BTF
 from ..errors import DataError
+from ..geometry.neighbours import nearest
 from ..model.spmm import SPMM
 from ..runs.inputs import read_input, read_report
 
@@ -104,5 +105,5 @@ def _check_size(btf: BTF, model: SPMM, path: str, run: Path) -> None:
 
 def _seen(directions: Tensor, fitted: Tensor) -> Tensor:
     """Which of `directions [N, 3]` are among those of the fit, `[N]` bool."""
-    distance = torch.cdist(directions.double().cpu(), fitted.detach().double().cpu())
-    return distance.amin(dim=1) < SAME_DIRECTION
+    distance, _ = nearest(directions.cpu(), fitted)
+    return distance[:, 0] < SAME_DIRECTION

@@ -7,22 +7,13 @@ from dataclasses import dataclass
 
 import torch
 
-from ..config.fit import FitConfig, WeightsConfig
+from ..config.fit import FitConfig
 from ..data import BTF
-from ..data.blocks import BLOCK_COPIES, CUDA_BLOCK_VALUES, cpu_block_bytes
-from ..runtime.memory import Budget, resident_memory
+from ..runtime.memory import Budget, held_memory
 from ..runtime.progress import duration
 from .cluster import OVERSAMPLING
-from .search.bank import SHAPES
-from .search.joint import CPU_JACOBIAN_VALUES
-from .search.lobes import bank_normals
-from .select.clusters import cluster_bytes
+from .stage_memory import working_bytes
 
-FLOAT = 4
-# Copies of the samples, of the bank and of one Jacobian that the search holds.
-SAMPLE_COPIES, BANK_COPIES, JACOBIAN_COPIES = 6, 2, 8
-# Copies of the dictionary where errors have weights: weighted, plain, and at measured pairs only.
-WEIGHTED_COPIES = 3
 # Fraction of the lobes found that the dictionary keeps, about.
 KEPT_LOBES = 0.5
 # Seconds of one core of 2.5 GHz: to decode a pixel; to search, for each sample, direction pair and
@@ -38,7 +29,7 @@ class Plan:
 
     Attributes:
         seconds: from input to model.
-        working_bytes: memory of the process, decoded values apart.
+        working_bytes: memory of the process, decoded values and what the system may drop apart.
         decoded_bytes: size of the decoded values; 0 if they are streamed.
     """
 
@@ -66,29 +57,9 @@ def estimate(btf: BTF, config: FitConfig, device: torch.device) -> Plan:
     found = samples * config.search.max_lobes
     return Plan(
         seconds=_seconds(btf, config, device, samples),
-        working_bytes=_working_bytes(btf, config, device, samples, found),
+        working_bytes=held_memory() + working_bytes(btf, config, device, samples, found),
         decoded_bytes=0 if btf.streamed else btf.raw_bytes * btf.pair_count // btf.measured_count,
     )
-
-
-def _working_bytes(
-    btf: BTF, config: FitConfig, device: torch.device, samples: int, found: int
-) -> int:
-    """Memory of the stage that needs most, given the numbers of samples and of lobes found."""
-    resident = resident_memory()
-    if device.type == "cuda":
-        return resident + FLOAT * BLOCK_COPIES * CUDA_BLOCK_VALUES // 8
-    pairs = btf.pair_count
-    normals = 1 + bank_normals(config.search, samples)
-    bank = sum(len(SHAPES[name]) for name in config.search.models) * normals
-    block = cpu_block_bytes()
-    search = FLOAT * pairs * (SAMPLE_COPIES * samples * btf.channels + BANK_COPIES * bank)
-    search += FLOAT * JACOBIAN_COPIES * CPU_JACOBIAN_VALUES
-    uniform = config.weights == WeightsConfig() and btf.missing is None
-    copies = 1 if uniform else WEIGHTED_COPIES
-    dictionary = FLOAT * pairs * (2 + copies) * found
-    select = FLOAT * pairs * copies * found + cluster_bytes(found)
-    return resident + max(block, search, dictionary, select)
 
 
 def _seconds(btf: BTF, config: FitConfig, device: torch.device, samples: int) -> float:

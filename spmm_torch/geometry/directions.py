@@ -21,6 +21,9 @@ MAX_TILT = math.radians(85.0)
 # Radius of MAX_TILT on the equal-area disk, where r^2 = 1 - cos(theta).
 MAX_DISK_RADIUS = math.sqrt(1.0 - math.cos(MAX_TILT))
 
+# Directions that are compared with all others at once: no table of thousands of squares.
+NEIGHBOUR_ROWS = 1 << 10
+
 # Rings of measured directions, (polar angle in degrees, number of directions).
 UBO2003_RINGS = ((0.0, 1), (15.0, 6), (30.0, 12), (45.0, 18), (60.0, 20), (75.0, 24))
 UBO2014_RINGS = (
@@ -75,8 +78,14 @@ def angular_spacing(directions: Tensor) -> float:
     """
     if directions.shape[0] < 2:
         return math.pi / 2.0
-    cosines = (directions.double() @ directions.double().T).fill_diagonal_(-1.0)
-    return float(torch.arccos(cosines.amax(dim=1).clamp(-1.0, 1.0)).median())
+    exact = directions.double()
+    nearest = []
+    for first in range(0, len(exact), NEIGHBOUR_ROWS):
+        rows = exact[first : first + NEIGHBOUR_ROWS]
+        cosines = rows @ exact.T
+        cosines.diagonal(first).fill_(-1.0)  # of each direction with itself
+        nearest.append(cosines.amax(dim=1))
+    return float(torch.arccos(torch.cat(nearest).clamp(-1.0, 1.0)).median())
 
 
 def normal_from_disk(disk: Tensor) -> Tensor:

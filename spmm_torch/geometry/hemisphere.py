@@ -35,8 +35,8 @@ COARSE_SIZE = 16
 # Directions in the hemisphere, and on the horizon, that are tried for gaps between cells: gaps are
 # sectors between the azimuths of measured directions, not smaller than one of these steps.
 PROBES = 1024
-# Queries that are compared with all cells at once.
-QUERY_BLOCK = 1 << 13
+# Comparisons of queries with all cells, or with all directions, that are made at once: 100 MB.
+BLOCK_COMPARISONS = 1 << 23
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,9 @@ class HemisphereInterpolation:
     def _weights_where(self, held: Tensor, w: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
         """`_weights`, with the nearest direction for queries that no cell holds."""
         outside = torch.nonzero(~held).squeeze(-1)
-        nearest = (w[outside] @ self.directions.to(w.dtype).T).argmax(dim=-1)
+        known = self.directions.to(w.dtype).T
+        rows = max(1, BLOCK_COMPARISONS // known.shape[1])
+        nearest = torch.cat([(w[part] @ known).argmax(dim=-1) for part in outside.split(rows)])
         index = nearest.new_zeros(w.shape)
         weight = torch.zeros_like(w)
         index[outside] = nearest[:, None]
@@ -175,7 +177,7 @@ class HemisphereInterpolation:
             best[pending[better]], margin[pending[better]] = other[better], found[better]
             pending = pending[margin[pending] < 0.0]
         lost = torch.nonzero(margin <= -EDGE_TOLERANCE).squeeze(-1)
-        for block in lost.split(QUERY_BLOCK):
+        for block in lost.split(max(1, BLOCK_COMPARISONS // len(self.triangles))):
             best[block] = self._search(w[block])
         return best
 

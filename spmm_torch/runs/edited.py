@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 
 import torch
@@ -11,7 +13,7 @@ import yaml
 
 from ..edit import Script
 from ..edit.parsing import map_paths
-from ..errors import OutputError
+from ..errors import OutputError, SPMMError
 from ..model.spmm import SPMM
 from ..report import write_report
 from ..report.contract import FILE_NAME, Report, older_report
@@ -20,7 +22,45 @@ from ..runtime.atomic import new_folder, write_atomic
 from ..runtime.tensor_file import MODEL_FILE
 from .folder import CONFIG, REPORT_PAGE
 
-EDITS, MASKS = "edits.yaml", "masks"
+EDITS, MASKS, ORIGINAL = "edits.yaml", "masks", "original.txt"
+
+
+@dataclass(frozen=True)
+class Edited:
+    """An edited run, taken apart.
+
+    Attributes:
+        run: the run that its edits begin with.
+        original: the model of that run.
+        script: the edits.
+    """
+
+    run: Path
+    original: SPMM
+    script: Script
+
+
+def taken_apart(run: Path | str, model: SPMM, device: torch.device | str = "cpu") -> Edited | None:
+    """The edits of a run and what they began with; None where they do not lead to its `model`.
+
+    So it is where nothing was edited, or the original is gone or is another one by now.
+
+    Args:
+        run: folder or model file.
+        model: its model.
+        device: of the edits.
+    """
+    source = _folder(run)
+    original = _original(source)
+    if original is None or not (source / EDITS).is_file():
+        return None
+    try:
+        script = Script.read(source / EDITS)
+        before = SPMM.load(original, device).requires_grad_(False)
+        same = script.apply(before).pack() == model.pack()
+    except SPMMError:
+        return None
+    return Edited(original, before, script) if same else None
 
 
 def edit_run(
@@ -48,9 +88,10 @@ def save_edited_run(
 ) -> None:
     """Writes the run folder of an edited model, whole or not at all.
 
-    It holds the model, the settings of the fit, `edits.yaml`, the pictures of its masks, and
-    reports in which errors of the fit are unknown. If `run` is an edited run, `edits.yaml` begins
-    with the edits of `run`, so that it leads from the fit to this model.
+    It holds the model, the settings of the fit, `edits.yaml`, the pictures of its masks, the path
+    of the run they begin with, and reports in which errors of the fit are unknown. If `run` is an
+    edited run, `edits.yaml` begins with the edits of `run`, so that it leads from the fit to this
+    model.
 
     Args:
         run: folder or model file that was edited.
@@ -62,7 +103,7 @@ def save_edited_run(
     Raises:
         OutputError: `output` exists or cannot be written, or the report of `run` is damaged.
     """
-    source = Path(run) if Path(run).is_dir() else Path(run).parent
+    source = _folder(run)
     report = _report(source / FILE_NAME)
     history = Script.read(source / EDITS) if (source / EDITS).is_file() else Script()
     with new_folder(output) as folder:
@@ -71,9 +112,27 @@ def save_edited_run(
             shutil.copyfile(source / CONFIG, folder / CONFIG)
         text = _kept_script(history + script, folder)
         (folder / EDITS).write_text(text, encoding="utf-8")
+        original = _original(source) if (source / EDITS).is_file() else source
+        if original is not None:
+            name = os.path.relpath(original.resolve(), Path(output).resolve())
+            (folder / ORIGINAL).write_text(f"{Path(name).as_posix()}\n", encoding="utf-8")
         if report is not None:
             write_report(folder, edited_report(report, after))
         write_edited_html(folder / REPORT_PAGE, before, after, text)
+
+
+def _folder(run: Path | str) -> Path:
+    """The folder of a run, which may be named by the model file in it."""
+    return Path(run) if Path(run).is_dir() else Path(run).parent
+
+
+def _original(folder: Path) -> Path | None:
+    """The run that the edits of another one begin with; None where it is unknown or gone."""
+    if not (folder / ORIGINAL).is_file():
+        return None
+    name = (folder / ORIGINAL).read_text(encoding="utf-8").strip()
+    original = (folder / name).resolve()
+    return original if original.is_dir() else None
 
 
 def _report(path: Path) -> Report | None:

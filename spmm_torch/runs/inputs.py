@@ -35,17 +35,50 @@ def read_input(
         OutputError: the run names no input.
         DataError: the input does not exist, or is not valid.
     """
-    path = Path(against or read_report(run)["input"])
+    path = Path(against) if against is not None else own_input(run)
     config = run_settings(run)
     settings = replace(config.data, pattern=pattern or config.data.pattern)
     if all_directions:
         settings = replace(settings, directions=None)
-    if against is None and not path.exists():
-        raise DataError(
-            f"the input of {run}, {path}, does not exist; expected it where it was when the run "
-            f"was made; give its present path with --against."
-        )
     return load_input(path, settings, config.seed)
+
+
+def own_input(run: Path | str) -> Path:
+    """The path of the input that a run names.
+
+    Earlier runs name it relative to the folder in which `spmm fit` was called. That is one above
+    the run, or the present one.
+
+    Raises:
+        OutputError: the run names no input, as that of an edited model does.
+        DataError: there is none.
+    """
+    if (name := _named_input(run)) is None:
+        raise OutputError(f"{run} names no input; expected a fit; give the input with --against.")
+    named = Path(name)
+    places = _places(run, named)
+    for place in places:
+        if place.exists():
+            return place
+    tried = "" if named.is_absolute() else f" in {', '.join(str(at) for at in _roots(run))}"
+    raise DataError(
+        f"the input of {run}, {named}, does not exist{tried}; expected it where it was when the "
+        f"run was made; give its present path with --against."
+    )
+
+
+def _places(run: Path | str, named: Path) -> list[Path]:
+    """Where the input that a run names may be, the likeliest first."""
+    return [named] if named.is_absolute() else [root / named for root in _roots(run)]
+
+
+def _roots(run: Path | str) -> list[Path]:
+    """Folders that the path of an input may be relative to: those around its run, the present one.
+
+    They come from the inside out, without the root, in which nobody works.
+    """
+    around = run_folder(run).absolute().parents
+    return list(dict.fromkeys([*around[:-1], Path.cwd()]))
 
 
 def run_settings(run: Path | str) -> FitConfig:
@@ -65,7 +98,7 @@ def run_settings(run: Path | str) -> FitConfig:
 def has_input(run: Path | str) -> bool:
     """Whether the input of a run is still where it was when the run was made."""
     named = _named_input(run)
-    return named is not None and Path(named).exists()
+    return named is not None and any(place.exists() for place in _places(run, Path(named)))
 
 
 def _named_input(run: Path | str) -> str | None:

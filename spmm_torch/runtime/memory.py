@@ -29,6 +29,8 @@ DEFAULT_FRACTION = 0.5
 # Bytes of memory where the system tells none: --max-memory says more.
 ASSUMED_MEMORY = 8 << 30
 MEMINFO, STATUS = Path("/proc/meminfo"), Path("/proc/self/status")
+# Pages in STATUS that have no file to be read from again.
+HELD = ("RssAnon:", "RssShmem:")
 # Control groups limit the memory of a container. For their version 2 and 1: the folder, the file of
 # the limit, the file of the use, and the key in CGROUP_DETAILS of reclaimable file pages.
 CGROUPS = (
@@ -79,19 +81,21 @@ def _reclaimable(cgroup: Path, key: str) -> int:
 def _entry(path: Path, key: str) -> int:
     """The number after a key in a file of the system."""
     for line in path.read_text().splitlines():
-        word, _, number = line.partition(" ")
-        if word == key:
-            return int(number.split()[0])
+        words = line.split()
+        if words[:1] == [key]:
+            return int(words[1])
     raise ValueError(f"{path} lacks {key}")
 
 
-def resident_memory() -> int:
-    """Bytes of memory that this process holds now; 0 where the system does not report them."""
+def held_memory() -> int:
+    """Bytes that this process holds now and the system cannot drop; 0 where none are reported.
+
+    The code of libraries and values in mapped files do not count: they are read again on demand.
+    """
     try:
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
-    except (OSError, ValueError, IndexError):
+        return 1024 * sum(_entry(STATUS, key) for key in HELD)
+    except (OSError, ValueError):
         return 0
-    return pages * mmap.PAGESIZE
 
 
 def peak_resident_memory() -> int:
@@ -143,8 +147,8 @@ class Budget:
         if self.limited and self.total < working:
             raise ConfigError(
                 f"--max-memory is {self.total / 1e9:.2f} GB, but this input needs "
-                f"{working / 1e9:.2f} GB even out of core; allow more, or lower "
-                f"sample.per_cluster, cluster.count or search.bank_normals."
+                f"{working / 1e9:.2f} GB even out of core; allow more, take less of the input "
+                f"with --crop, or lower sample.per_cluster, cluster.count or search.bank_normals."
             )
         return Budget(max(self.total, working), self.limited, working)
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from spmm_torch.geometry.directions import (
     MAX_TILT,
     MIRROR,
+    NEIGHBOUR_ROWS,
     UBO2014_RINGS,
     angular_spacing,
     direction_from_angles,
@@ -25,6 +26,7 @@ from spmm_torch.geometry.directions import (
     ring_directions,
     texel_at,
 )
+from tests.largest_tensor import LargestTensor
 from tests.planted.directions import random_directions
 
 
@@ -86,6 +88,16 @@ def test_angular_spacing() -> None:
     line = direction_from_angles(theta, torch.zeros_like(theta))
     assert angular_spacing(line) == pytest.approx(0.1)
     assert math.degrees(angular_spacing(ring_directions())) == pytest.approx(15.0, abs=2.0)
+
+
+def test_spacing_of_thousands_of_directions_takes_no_table_of_their_squares() -> None:
+    """As a table of all pairs tells it, but with a part of that table at a time."""
+    many = random_directions(2 * NEIGHBOUR_ROWS + 7, seed=5)
+    cosines = (many @ many.T).fill_diagonal_(-1.0)
+    with LargestTensor() as largest:
+        spacing = angular_spacing(many)
+    assert spacing == pytest.approx(float(cosines.amax(1).arccos().median()), rel=1e-9)
+    assert 0 < largest.numel <= NEIGHBOUR_ROWS * len(many)
 
 
 def test_disk_maps_are_inverse() -> None:

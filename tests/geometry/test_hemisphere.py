@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
 from torch import Tensor
 
+from spmm_torch.geometry import hemisphere
 from spmm_torch.geometry.directions import UBO2014_RINGS, direction_from_angles, ring_directions
-from spmm_torch.geometry.hemisphere import HemisphereInterpolation
+from spmm_torch.geometry.hemisphere import MAP_SIZE, HemisphereInterpolation
+from tests.largest_tensor import LargestTensor
 from tests.planted.directions import random_directions
 
 
@@ -134,3 +137,18 @@ def test_interpolation_is_batched_and_keeps_dtype() -> None:
     assert weight.dtype == torch.float32
     moved = interpolation.to("cpu")
     assert torch.equal(moved.weights(w)[1], weight)
+
+
+@pytest.mark.parametrize("known", [random_directions(300, seed=4), arc(300)])
+def test_lost_queries_are_compared_in_parts(known: Tensor, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no cell of the map holds them, be there cells or none."""
+    interpolation = HemisphereInterpolation.build(known)
+    interpolation = replace(interpolation, candidates=interpolation.candidates[:1] * 0 - 1)
+    queries = random_directions(500, seed=5)
+    whole = interpolation.weights(queries)
+    monkeypatch.setattr(hemisphere, "BLOCK_COMPARISONS", 4 * len(known))
+    with LargestTensor() as largest:
+        parts = interpolation.weights(queries)
+    assert largest.numel <= MAP_SIZE**2  # one rank of the map
+    for found, expected in zip(parts, whole, strict=True):
+        torch.testing.assert_close(found, expected)

@@ -13,12 +13,12 @@ from spmm_torch import BTF, FitConfig
 from spmm_torch.cli.main import main
 from spmm_torch.data import load_input
 from spmm_torch.data.codecs import openexr
-from spmm_torch.errors import ConfigError, OutputError
+from spmm_torch.errors import ConfigError, DataError, OutputError
 from spmm_torch.evaluate import open_source
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.model.spmm import SPMM
 from spmm_torch.render import BTFMaterial
-from spmm_torch.runs.inputs import has_input, read_input
+from spmm_torch.runs.inputs import has_input, own_input, read_input
 from spmm_torch.viz.measured import measured_input, measured_samples
 from tests.data.test_picture_set import GRID, make_files, write_zip
 from tests.planted.models import planted_model
@@ -120,3 +120,49 @@ def test_what_a_run_does_not_say(tmp_path: Path) -> None:
     (run / "report.json").write_text('{"input": "a.zip"}')
     with pytest.raises(ConfigError, match=r"config\.yaml cannot be read"):
         read_input(run, "a.zip")
+
+
+@pytest.fixture
+def relative(tmp_path: Path) -> Path:
+    """A run as earlier releases made it in `work`, by `spmm fit in/a.npz -o runs/one`."""
+    work = tmp_path / "work"
+    for folder in ("in", "runs"):
+        (work / folder).mkdir(parents=True)
+    view = np.float32([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
+    source = work / "in" / "a.npz"
+    np.savez(source, values=np.ones((2, 2, 2, 2, 3), np.float32), view=view, light=view)
+    run = model_folder(work / "runs" / "one", planted_model(3))
+    (run / "config.yaml").write_text(FitConfig().to_yaml())
+    (run / "report.json").write_text(json.dumps({"input": "in/a.npz"}))
+    return run
+
+
+def test_a_relative_input_is_found_from_everywhere(
+    relative: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = tmp_path / "work" / "in" / "a.npz"
+    for here in (tmp_path / "work", relative, tmp_path):
+        monkeypatch.chdir(here)
+        assert own_input(relative) == own_input(relative / "model.safetensors") == source
+        assert has_input(relative)
+        assert read_input(relative).texel_count == 4
+    monkeypatch.chdir(tmp_path / "work" / "runs")
+    assert read_input("one").texel_count == 4
+
+
+def test_a_run_that_was_moved_is_read_from_where_the_command_is_called(
+    relative: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moved = relative.rename(tmp_path / "moved")
+    assert not has_input(moved)
+    with pytest.raises(DataError, match=f"a.npz, does not exist in {tmp_path}, .*--against"):
+        read_input(moved)
+    monkeypatch.chdir(tmp_path / "work")
+    assert read_input(moved).texel_count == 4
+
+
+def test_an_edited_model_names_no_input(relative: Path) -> None:
+    (relative / "report.json").write_text(json.dumps({"input": ""}))
+    assert not has_input(relative)
+    with pytest.raises(OutputError, match="names no input; .*--against"):
+        read_input(relative)

@@ -20,7 +20,7 @@ from spmm_torch.runtime import memory
 from spmm_torch.runtime.memory import (
     Budget,
     free_memory,
-    resident_memory,
+    held_memory,
     scratch,
     slices,
 )
@@ -98,10 +98,10 @@ def test_free_memory_where_the_system_tells_little(system: Path, content: str | 
 
 def test_this_machine() -> None:
     assert 0 < free_memory() <= os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    before = resident_memory()
+    before = held_memory()
     with mmap.mmap(-1, 64 * MIB) as held:  # not what an allocator may have kept
         held[:: mmap.PAGESIZE] = b"1" * (64 * MIB // mmap.PAGESIZE)
-        assert resident_memory() - before > 32 * MIB
+        assert held_memory() - before > 32 * MIB
 
 
 def test_budget_of_a_limit() -> None:

@@ -15,40 +15,12 @@ from ...config.written import load_text
 from ...edit import Mask, Script, Step, lobe_group
 from ...errors import ConfigError
 from ...model.spmm import SPMM
-from ...runs.edited import save_edited_run
-from .sliders import BY_NAME, NEUTRAL, RELIEF, SLIDERS, Slider, steps_of
+from ...runs.edited import save_edited_run, taken_apart
+from .layers import Layer, Layers, layers_of
+from .sliders import BY_NAME, NEUTRAL, RELIEF, SLIDERS, Slider
 
 # Kept models of the first edits of a script; a slider then costs its own edit only.
 KEPT_MODELS = 24
-
-
-@dataclass(frozen=True)
-class Layer:
-    """Edits under one mask: those of sliders, then those that were typed.
-
-    Attributes:
-        mask: of the edits; None for the whole texture.
-        values: of the sliders that are not neutral, by name.
-        typed: further steps, which have masks of their own.
-    """
-
-    mask: Mask | None = None
-    values: tuple[tuple[str, float], ...] = ()
-    typed: tuple[Step, ...] = ()
-
-    @property
-    def steps(self) -> tuple[Step, ...]:
-        """Its part of the script."""
-        return steps_of(dict(self.values), self.mask) + self.typed
-
-    def with_value(self, name: str, value: float) -> Layer:
-        """The layer with one slider moved."""
-        values = dict(self.values) | {name: value}
-        kept = ((key, values[key]) for key in NEUTRAL if key in values)
-        return replace(self, values=tuple(row for row in kept if row[1] != NEUTRAL[row[0]]))
-
-
-Layers = tuple[Layer, ...]
 
 
 @dataclass
@@ -72,13 +44,18 @@ class Session:
 
     @classmethod
     def open(cls, run: Path | str, device: torch.device | str = "cpu") -> Session:
-        """A session on a run.
+        """A session on a run; the edits of an edited one can be moved and undone where it stopped.
 
         Raises:
             OutputError: the run cannot be read.
         """
-        model = SPMM.load(run, device)
-        return cls(Path(run), model.requires_grad_(False))
+        model = SPMM.load(run, device).requires_grad_(False)
+        earlier = taken_apart(run, model, device)
+        if earlier is None:
+            return cls(Path(run), model)
+        layers = layers_of(earlier.script.steps)
+        before = [(Layer(),), *(layers[:count] for count in range(1, len(layers)))]
+        return cls(earlier.run, earlier.original, layers, _undo=before)
 
     @property
     def script(self) -> Script:
@@ -118,7 +95,7 @@ class Session:
             raise ConfigError(
                 f"{name} is {value}; expected a value from {slider.low:g} to {slider.high:g}."
             )
-        layers = (*self.layers[:-1], self.layers[-1].with_value(name, float(value)))
+        layers = (*self.layers[:-1], self.layers[-1].with_values({name: float(value)}))
         if layers == self.layers:
             return
         if self._dragged == name:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 from ...edit import Edit, Mask, Step
 from ...edit.edits.hue_saturation import HueSaturation
@@ -59,6 +59,21 @@ BY_NAME = {slider.name: slider for slider in SLIDERS}
 NEUTRAL: dict[str, float] = {slider.name: slider.neutral for slider in SLIDERS}
 
 
+# The sliders of each edit of `_all_edits`, in the order of its options.
+SLIDERS_OF_EDITS = (
+    ("normals",),
+    ("tangent",),
+    ("width",),
+    (RELIEF,),
+    ("residual",),
+    ("intensity",),
+    ("specular",),
+    ("diffuse",),
+    ("hue", "saturation"),
+    ("specular_hue",),
+)
+
+
 def edits_of(values: Mapping[str, float]) -> list[Edit]:
     """The edits that sliders stand for, in a fixed order; those that change nothing are left out.
 
@@ -83,6 +98,23 @@ def _all_edits(values: Mapping[str, float]) -> tuple[Edit, ...]:
         HueSaturation(values["hue"], values["saturation"]),
         HueSaturation(values["specular_hue"], group=SPECULAR),
     )
+
+
+def values_of(edits: Sequence[Edit]) -> dict[str, float] | None:
+    """The values of the sliders that stand for these edits, in this order; None if none do."""
+    values: dict[str, float] = {}
+    for edit in edits:
+        for names, neutral in zip(SLIDERS_OF_EDITS, _all_edits(NEUTRAL), strict=True):
+            if type(edit) is type(neutral) and _group(edit) == _group(neutral):
+                options = (getattr(edit, each.name) for each in fields(edit))
+                values |= dict(zip(names, options, strict=False))
+    allowed = all(BY_NAME[name].low <= x <= BY_NAME[name].high for name, x in values.items())
+    return values if allowed and edits_of(values) == list(edits) else None
+
+
+def _group(edit: Edit) -> str | None:
+    """The lobes that an edit changes; None for those that have no such option."""
+    return getattr(edit, "group", None)
 
 
 def steps_of(values: Mapping[str, float], mask: Mask | None) -> tuple[Step, ...]:

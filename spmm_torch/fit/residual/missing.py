@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...geometry.directions import direction_pairs
+from ...geometry.neighbours import nearest
+
 # Measured pairs from which a missing pair is interpolated, by inverse squared distance [She68].
 NEIGHBOURS = 8
-# Distances between missing and measured pairs that are held at once: 128 MB.
-BLOCK_DISTANCES = 1 << 25
 # Least squared distance, far under that of measured directions: its inverse stays finite.
 LEAST_DISTANCE = 1e-8
 
@@ -51,19 +52,11 @@ class MissingPairs:
         """
         missing = torch.nonzero(~measured).squeeze(1)
         known = torch.nonzero(measured).squeeze(1)
-        lights = len(light)
-        of_light = torch.cdist(light.double(), light.double()).square()  # [L, L]
-        of_view = torch.cdist(view.double(), view.double()).square()  # [V, V]
-        near, distance = [], []
-        for part in missing.split(max(1, BLOCK_DISTANCES // len(known))):
-            between = of_light[part % lights][:, known % lights]
-            between = between + of_view[part // lights][:, known // lights]
-            least = between.topk(min(NEIGHBOURS, len(known)), dim=1, largest=False)
-            near.append(known[least.indices])
-            distance.append(least.values)
-        weight = 1.0 / torch.cat(distance).clamp(min=LEAST_DISTANCE)
+        pairs = torch.cat(direction_pairs(light, view), dim=1)  # [D, 6]
+        distance, index = nearest(pairs[missing], pairs[known], min(NEIGHBOURS, len(known)))
+        weight = 1.0 / distance.square().clamp(min=LEAST_DISTANCE)
         weight = (weight / weight.sum(1, keepdim=True)).float()
-        return cls(missing, torch.cat(near), weight)
+        return cls(missing, known[index], weight)
 
     def filled(self, values: Tensor) -> Tensor:
         """Values `[D, C]` with those of missing pairs interpolated."""

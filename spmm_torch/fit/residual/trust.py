@@ -15,6 +15,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from ...geometry.neighbours import nearest
+
 # Neighbours from which a pair is told, by inverse squared distance.
 NEIGHBOURS = 4
 # Least squared distance of two directions, and least energy, far under that of measured ones.
@@ -31,19 +33,33 @@ def trust(functions: Tensor, light: Tensor, view: Tensor) -> Tensor:
         functions: of the residual, `[V, R, L, C]`.
         light, view: measured directions, `[L, 3]` and `[V, 3]`.
     """
-    by_light = torch.einsum("lm,vrmc->vrlc", _neighbours(light).to(functions), functions)
-    by_view = torch.einsum("vw,wrlc->vrlc", _neighbours(view).to(functions), functions)
+    by_light, by_view = _foreseen(functions, light, 2), _foreseen(functions, view, 0)
     energy = functions.square().sum((1, 3)).clamp(min=LEAST_ENERGY)  # [V, L]
     shares = [(told * functions).sum((1, 3)) / energy for told in (by_light, by_view)]
     return torch.minimum(*shares).clamp(0.0, 1.0)
 
 
-def _neighbours(directions: Tensor) -> Tensor:
-    """Weights `[N, N]` of the neighbours from which each of `directions [N, 3]` is told."""
-    distance = torch.cdist(directions.double(), directions.double()).square()
-    distance = distance.fill_diagonal_(torch.inf)
+def _foreseen(functions: Tensor, directions: Tensor, axis: int) -> Tensor:
+    """What the neighbours of each of `directions [N, 3]` say, `[V, R, L, C]`; 0 where it has none.
+
+    Args:
+        functions: `[V, R, L, C]`.
+        directions: along the `axis` of functions.
+        axis: 0 for views, 2 for lights.
+    """
+    weight, index = _neighbours(directions)
+    total = torch.zeros_like(functions)
+    shape = [-1 if dim == axis else 1 for dim in range(4)]
+    for some, which in zip(weight.to(functions).T, index.T, strict=True):
+        total += some.view(shape) * functions.index_select(axis, which)
+    return total
+
+
+def _neighbours(directions: Tensor) -> tuple[Tensor, Tensor]:
+    """(weight, index), both `[N, n]`, of the n others from which each of N directions is told."""
     count = min(NEIGHBOURS, len(directions) - 1)
-    least = distance.topk(count, dim=1, largest=False)
-    weight = 1.0 / least.values.clamp(min=LEAST_DISTANCE)
-    weight = weight / weight.sum(1, keepdim=True)
-    return torch.zeros_like(distance).scatter_(1, least.indices, weight)
+    distance, index = nearest(directions, directions, count + 1)
+    itself = torch.arange(len(index), device=index.device)[:, None]
+    # Of directions that are given twice, either may be found first: itself counts at no rank.
+    weight = 1.0 / distance.square().clamp(min=LEAST_DISTANCE) * (index != itself)
+    return weight / weight.sum(1, keepdim=True).clamp(min=LEAST_ENERGY), index

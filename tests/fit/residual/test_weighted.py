@@ -19,7 +19,9 @@ from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.model.residual import decode_residual
 from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.ranks import ALONE
+from tests.largest_tensor import LargestTensor
 from tests.planted.btfs import random_btf
+from tests.planted.directions import random_directions
 
 TEXELS, ATOMS, PAIRS, CHANNELS = 10, 6, 49, 3
 DIRECTIONS = ring_directions(((0.0, 1), (45.0, 6)))  # 49 pairs
@@ -186,3 +188,14 @@ def test_missing_pairs_are_as_their_neighbours() -> None:
     torch.testing.assert_close(filled[~measured, 0], torch.ones(2))
     assert (filled - smooth)[~measured].abs().max() < 0.1
     assert MissingPairs.of(None, DIRECTIONS, DIRECTIONS) is None
+
+
+def test_missing_pairs_of_thousands_of_lights_need_no_table_of_their_squares() -> None:
+    light = random_directions(3000, seed=1)
+    measured = torch.arange(len(light)) % 3 != 0
+    with LargestTensor() as largest:
+        gaps = MissingPairs.build(measured, light, DIRECTIONS[:1])
+    assert largest.numel <= 8 * len(light)
+    apart = (light[gaps.pair, None] - light[gaps.neighbour]).norm(dim=2)
+    assert torch.equal(apart, apart.sort(dim=1).values)
+    assert apart.max() < 0.2

@@ -9,10 +9,11 @@ import torch
 
 from spmm_torch import SPMM
 from spmm_torch.edit import Rectangle, Script
+from spmm_torch.edit.edits.intensity import Intensity
 from spmm_torch.edit.masks.cluster import ClusterMask
 from spmm_torch.errors import ConfigError, OutputError
 from spmm_torch.viz.editor.session import Session
-from spmm_torch.viz.editor.sliders import NEUTRAL, RELIEF, SLIDERS, edits_of
+from spmm_torch.viz.editor.sliders import NEUTRAL, RELIEF, SLIDERS, edits_of, values_of
 from tests.planted.models import DIFFUSE, planted_model, with_relief
 
 
@@ -195,3 +196,77 @@ def test_sliders_without_lobes_are_not_usable(session: Session) -> None:
     assert not usable["width"]
     assert usable["diffuse"]
     assert usable["hue"]
+
+
+def test_edits_of_a_saved_run_can_be_moved_and_undone(session: Session, tmp_path: Path) -> None:
+    """Sliders stand where they stood, also over edits that no slider stands for."""
+    session.move("hue", 60.0)
+    session.move("width", 0.6)
+    session.add("replace_model: {name: ward}")
+    session.select(Rectangle(2, 2, 3, 3))
+    session.move("intensity", 2.0)
+    session.move("saturation", 0.5)
+    session.save(tmp_path / "edited")
+
+    again = Session.open(tmp_path / "edited")
+    assert again.run == session.run.resolve()
+    assert again.values == session.values
+    assert again.mask == session.mask
+    assert again.script == session.script
+    assert same(again.model(), session.model())
+    again.move("intensity", 1.0)
+    session.move("intensity", 1.0)
+    again.save(tmp_path / "edited2")
+    assert Script.read(tmp_path / "edited2" / "edits.yaml") == session.script
+    for _ in range(2):
+        again.undo()
+    assert again.values == NEUTRAL | {"hue": 60.0, "width": 0.6}
+    again.undo()
+    assert same(again.model(), session.original)
+    assert not again.can_undo
+
+
+@pytest.mark.parametrize("change", ["gone", "another", "unknown", "damaged"])
+def test_a_run_whose_original_is_not_there_is_edited_as_it_is(
+    session: Session, tmp_path: Path, change: str
+) -> None:
+    session.move("intensity", 2.0)
+    session.save(tmp_path / "edited")
+    if change == "gone":
+        session.run.rename(tmp_path / "moved")
+    elif change == "another":
+        (session.run / "model.safetensors").write_bytes(planted_model(3).pack())
+    elif change == "unknown":
+        (tmp_path / "edited" / "original.txt").unlink()
+    else:
+        (tmp_path / "edited" / "edits.yaml").write_text("- intensity: {factor: 3}")
+    again = Session.open(tmp_path / "edited")
+    assert again.run == tmp_path / "edited"
+    assert again.script == Script()
+    assert same(again.model(), session.model())
+
+
+def test_runs_and_originals_may_move_together(session: Session, tmp_path: Path) -> None:
+    session.move("intensity", 2.0)
+    session.save(tmp_path / "edited")
+    (tmp_path / "elsewhere").mkdir()
+    for name in ("run", "edited"):
+        (tmp_path / name).rename(tmp_path / "elsewhere" / name)
+    assert Session.open(tmp_path / "elsewhere" / "edited").values["intensity"] == 2.0
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {},
+        {"intensity": 2.0},
+        {"hue": 40.0, "saturation": 0.5, "specular_hue": -20.0},
+        {slider.name: slider.high for slider in SLIDERS},
+    ],
+)
+def test_sliders_are_told_from_their_edits(values: dict[str, float]) -> None:
+    edits = edits_of(values)
+    assert NEUTRAL | (values_of(edits) or {}) == NEUTRAL | values
+    if edits:
+        assert values_of(edits * 2) is None  # no slider does anything twice
+        assert values_of([*edits, Intensity(factor=99.0)]) is None  # nor beyond its range
