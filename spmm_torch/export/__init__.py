@@ -27,5 +27,11 @@ TARGETS: dict[str, Target] = {
             ".exr",
             (LOBES, RESIDUAL, RELIEF),
         ),
+        Target(
+            "web",
+            "one offline HTML page that shows the material in real time by WebGL 2",
+            ".html",
+            (LOBES, RESIDUAL, RELIEF),
+        ),
     )
 }
