@@ -66,8 +66,9 @@ class HeightField:
         """s `[..., 2]` of views `[..., 3]`: texture widths rightwards and up for each of height."""
         flat = wo[..., :2]
         length = torch.linalg.vector_norm(flat, dim=-1)
-        down = torch.maximum(wo[..., 2], length / self.slope)
-        tiny = torch.finfo(wo.dtype).tiny  # of the direction straight down, which shows nothing
+        # Of the direction straight down, which shows nothing, and of views from straight above alone.
+        tiny = torch.finfo(wo.dtype).tiny
+        down = torch.maximum(wo[..., 2], length / max(self.slope, tiny))
         return flat / down.clamp(min=tiny)[..., None]
 
     def hit(self, uv: Tensor, wo: Tensor) -> Tensor:
