@@ -56,6 +56,7 @@ COMMANDS: dict[str, Command] = {
     "figures": Command("draw the figures of the paper for a run", NOTHING_WRITTEN),
     "render": Command("render a model or a BTF on a sphere or a plane", NOTHING_WRITTEN),
     "edit": Command("edit a model, by a script or in the browser", NOTHING_WRITTEN),
+    "export": Command("write a model for another program", NOTHING_WRITTEN),
     "view": Command("show the lobes of a texel, a mosaic, or maps of a model"),
     "convert": Command("write a BTF in another format", NOTHING_WRITTEN),
     "crop": Command("cut a rectangle out of a BTF of JPEG pictures", NOTHING_WRITTEN),

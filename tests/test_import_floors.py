@@ -27,7 +27,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"report"}),
     frozenset({"runs"}),
     frozenset({"evaluate"}),
-    frozenset({"fit", "figures", "viz"}),
+    frozenset({"export", "fit", "figures", "viz"}),
     frozenset({"benchmark"}),
     frozenset({"cli"}),
 )

@@ -67,9 +67,29 @@ def compare(
     """
     placed = model if model.weight.device == torch.device(device) else copy.deepcopy(model)
     placed = placed.to(device)
-    materials = (BTFMaterial.build(btf, device, model.rule), placed, lobes_of(placed), _white)
+    materials = (BTFMaterial.build(btf, device, model.rule), placed, lobes_of(placed))
+    return compare_materials(materials, scene, settings, titles, device)
+
+
+@torch.no_grad()
+def compare_materials(
+    materials: tuple[Material, Material, Material],
+    scene: Scene,
+    settings: RenderSettings,
+    titles: tuple[str, ...],
+    device: torch.device | str = "cpu",
+) -> Renderings:
+    """Renders three materials, the first of which is the original.
+
+    Args:
+        materials: original, model and lobes, on the device.
+        scene: of directional lights.
+        settings: size and samples.
+        titles: of the lights.
+        device: of the renderings.
+    """
     original, whole, lobes, white = (
-        light_pictures(material, scene, settings, device).cpu() for material in materials
+        light_pictures(material, scene, settings, device).cpu() for material in (*materials, _white)
     )
     counts = (white > 1.0 - 0.5 / settings.samples).all(-1)
     exposure = [

@@ -1,0 +1,31 @@
+"""Models for other programs: one module for each target, with a function `write`.
+
+A new target is one module and one entry in `TARGETS`, which are listed without torch.
+"""
+
+from __future__ import annotations
+
+from .target import LOBES, PARTS, RELIEF, RESIDUAL, Exported, NoSettings, Target
+
+__all__ = [
+    "LOBES",
+    "PARTS",
+    "RELIEF",
+    "RESIDUAL",
+    "TARGETS",
+    "Exported",
+    "NoSettings",
+    "Target",
+]
+
+TARGETS: dict[str, Target] = {
+    target.name: target
+    for target in (
+        Target(
+            "exr",
+            "all numbers of the model as planes of one OpenEXR file, for engines",
+            ".exr",
+            (LOBES, RESIDUAL, RELIEF),
+        ),
+    )
+}
