@@ -6,7 +6,7 @@ variant, arrays are plain ones of Dr.Jit and a read gives numbers of Python.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -33,6 +33,13 @@ def float_array(values: Tensor | np.ndarray) -> Any:
     return kind(_flat(values, np.float32))
 
 
+def half_array(values: np.ndarray) -> Any:
+    """Numbers `[...]` as a flat array of halves; single floats in a scalar variant."""
+    if not is_jit():
+        return float_array(values)
+    return dr.float16_array_t(mi.Float)(np.ascontiguousarray(values, dtype=np.float16).ravel())
+
+
 def index_array(values: Tensor | np.ndarray) -> Any:
     """Whole numbers `[...]`, not negative, as a flat array."""
     kind = mi.UInt32 if is_jit() else import_module("drjit.scalar").ArrayXu
@@ -49,11 +56,18 @@ def taken(source: Any, index: Any, counts: Any) -> Any:
     return dr.gather(type(source), source, index, counts != 0)
 
 
+def joined(parts: Sequence[Any]) -> Any:
+    """Flat arrays one after another."""
+    if is_jit():
+        return dr.concat(list(parts))
+    return float_array(np.concatenate([np.array(part) for part in parts]))
+
+
 def row(source: Any, index: Any, count: int) -> list[Any]:
     """Row `index` of a table of `count` numbers a row; powers of two are read at once."""
     if not is_jit():
         return [source[count * index + n] for n in range(count)]
-    kind = mi.ArrayXf if dr.is_float_v(source) else mi.ArrayXu
+    kind = dr.replace_type_t(mi.ArrayXf, dr.type_v(source))
     return list(dr.gather(kind, source, index, shape=(count, dr.width(index))))
 
 
@@ -65,8 +79,13 @@ def one(source: Any, index: Any) -> Any:
 
 
 def loop(state: tuple[Any, ...], while_: Callable[..., Any], body: Callable[..., Any]) -> Any:
-    """The state after a loop that adds to its differentiable parts and does no more with them."""
-    return dr.while_loop(state, while_, body, max_iterations=-1)
+    """The state after a loop, part of the kernel of the scene also where that has others.
+
+    Differentiable parts of the state may stay as they are, or be added to, and no more: then the
+    derivative is a loop as well.
+    """
+    mode = "symbolic" if is_jit() else "scalar"
+    return dr.while_loop(state, while_, body, mode=mode, max_iterations=-1)
 
 
 def _flat(values: Tensor | np.ndarray, kind: type) -> np.ndarray:

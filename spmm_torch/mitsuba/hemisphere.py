@@ -81,7 +81,7 @@ class Mesh:
             return rank, dr.select(better, cell, best), dr.select(better, least, margin)
 
         start = (mi.UInt32(0), mi.UInt32(0), mi.Float(-dr.inf))
-        _, cell, margin = dr.while_loop(
+        _, cell, margin = loop(
             start, lambda rank, best, margin: (rank < self.rank) & (margin < 0.0), better
         )
         return margin > -EDGE_TOLERANCE, cell
@@ -95,7 +95,7 @@ class Mesh:
             return n + 1, dr.select(cosine > most, n, best), dr.maximum(cosine, most)
 
         start = (dr.select(held, mi.UInt32(self.count), mi.UInt32(0)), mi.UInt32(0), mi.Float(-2.0))
-        return dr.while_loop(start, lambda n, best, most: n < self.count, nearer)[1]
+        return loop(start, lambda n, best, most: n < self.count, nearer)[1]
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ def shares(
         return entry + 1, *(t + dr.select(seen, c, 0.0) for t, c in zip(totals, codes, strict=True))
 
     start = (first, *(mi.Float(0.0) for _ in range(4)))
-    totals = dr.while_loop(start, lambda entry, *_: entry < end, add)[1:]
+    totals = loop(start, lambda entry, *_: entry < end, add)[1:]
     masses = [
         dr.select(total > 0.0, weight * code * (1.0 / CODE_MAX), 0.0)
         for total, weight, code in zip(totals, weights, row(group, block, 4), strict=True)
@@ -154,7 +154,7 @@ def density(lobes: Lobes, entries: Entries, block: Any, chances: Shares, wi: Any
         return entry + 1, total + mass * _lobe_density(lobes, numbers, wi, wo)
 
     start = (dr.select(wi.z > 0.0, first, end), mi.Float(0.0))
-    total = dr.while_loop(start, lambda entry, total: entry < end, add)[1]
+    total = loop(start, lambda entry, total: entry < end, add)[1]
     return total + chances.cosine * cosine_pdf(wi)
 
 
@@ -176,7 +176,7 @@ def sample(
 
     start = (first, u[0], mi.Float(1.0), mi.Bool(False))
     go_on = lambda entry, left, mass, found: (found ^ True) & (entry < end)  # noqa: E731
-    entry, left, mass, found = dr.while_loop(start, go_on, passed)
+    entry, left, mass, found = loop(start, go_on, passed)
     share = dr.minimum(left / mass, 1.0 - 2.0**-24)
     numbers = row(lobes.table, one(entries.lobe, dr.select(found, entry, 0)), LOBE)
     drawn = _lobe_sample(lobes, numbers, wo, (share, *u[1:]))

@@ -8,7 +8,7 @@ from typing import Any
 from ..geometry.directions import REPEAT
 from ..geometry.ray_walk import SLOWEST, WINDOWS
 from ..geometry.relief import HeightField
-from .arrays import float_array, one
+from .arrays import float_array, loop, one
 from .libraries import dr, mi
 from .texels import remainder
 
@@ -94,7 +94,7 @@ class Walk:
             clear = highest < leave
             return dr.select(clear, leave, dr.minimum(enter, highest)), clear
 
-        return dr.while_loop((enter, mi.Bool(True)), lambda enter, clear: clear, passed)[0]
+        return loop((enter, mi.Bool(True)), lambda enter, clear: clear, passed)[0]
 
     def _walked(self, ray: Ray, enter: Any) -> Any:
         """The height of the hit of a ray that is at height `enter`."""
@@ -118,7 +118,7 @@ class Walk:
             )
 
         state = (column, row, next_column, next_row, enter, mi.Bool(False))
-        return dr.while_loop(state, lambda c, r, nc, nr, e, met: met ^ True, crossed)[4]
+        return loop(state, lambda c, r, nc, nr, e, met: met ^ True, crossed)[4]
 
     def _met(self, ray: Ray, column: Any, row: Any, enter: Any, leave: Any) -> tuple[Any, Any]:
         """Whether a ray meets the surface within its cell, and at which height."""

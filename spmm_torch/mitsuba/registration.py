@@ -5,11 +5,13 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import Any
 
+from ..data import load_btf
 from ..errors import ConfigError
 from ..model.spmm import SPMM
 from .files import given_path
 from .libraries import mi
 from .material import Material
+from .measured import Measured
 from .plugin import Reflector, bsdf_class
 
 # The variants whose light is RGB, as that of models is.
@@ -43,4 +45,10 @@ def _spmm(properties: Any) -> Reflector:
     return Material(SPMM.load(given_path(properties, "spmm", expected)))
 
 
-LOADERS = {"spmm": _spmm}
+def _btf(properties: Any) -> Reflector:
+    """The BTF that a plug-in `btf` names."""
+    expected = "a BTF that spmm fit reads"
+    return Measured(load_btf(given_path(properties, "btf", expected)).load())
+
+
+LOADERS = {"spmm": _spmm, "btf": _btf}

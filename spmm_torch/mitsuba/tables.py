@@ -13,7 +13,7 @@ from ..model.components import Components
 from ..model.lookup import SparseWeights, TexelBlocks
 from ..model.sampling import SamplingData
 from ..model.spmm import SPMM
-from .arrays import float_array, index_array, taken
+from .arrays import float_array, index_array, joined, taken
 from .brdf import TWINS
 from .libraries import dr
 from .mixture import KAPPA, LOBE, MODEL, Entries
@@ -91,7 +91,7 @@ def lobe_table(model: SPMM, parameters: dict[str, Any]) -> Any:
     used = models_in_use(model)
     table[MODEL] = float_array((model.lobe_model[:, None] == used).int().argmax(dim=1))
     by_lobe = torch.arange(LOBE) * lobes + each[:, None]  # [J, LOBE]
-    return dr.gather(type(zero), dr.concat(table), index_array(by_lobe))
+    return dr.gather(type(zero), joined(table), index_array(by_lobe))
 
 
 def models_in_use(model: SPMM) -> Tensor:
