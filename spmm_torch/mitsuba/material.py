@@ -1,0 +1,171 @@
+"""A fitted model in the arrays of a variant: what the plug-in `spmm` evaluates and samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..errors import DataError
+from ..model.spmm import SPMM
+from . import mixture, tables
+from .arrays import index_array, tensor
+from .hemisphere import Mesh, Pairs
+from .libraries import dr, mi
+from .mixture import Lobes
+from .ray_walk import Walk
+from .residual import Clusters, RankResidual, epsilon
+from .texels import block_at, block_corners
+
+# Parameters that the sampler follows through the model in torch.
+OF_LOBES = ("weight", "kappa", "normal", "angle")
+
+
+class Material:
+    """The tables of a model, made anew when its parameters change.
+
+    Attributes:
+        model: the model in torch; `synchronize` gives it the numbers of the parameters.
+        parameters: tensors of the variant by name, with gradients where these are enabled.
+    """
+
+    def __init__(self, model: SPMM) -> None:
+        if model.weight.shape[1] not in (1, 3):
+            raise DataError(
+                f"the model {model.name!r} has {model.weight.shape[1]} channels; expected 1 or 3, "
+                f"which a picture in RGB can show; fit it again from such data."
+            )
+        self.model = model
+        self.parameters = {name: tensor(value) for name, value in _numbers(model).items()}
+        corners = block_corners(model.height, model.width, model.rule)
+        self._corners = corners
+        self._merged, self._weight_rows = tables.weight_rows(corners, model)
+        pairs = model.residual.pairs
+        self._light, self._view = Mesh.build(pairs.light), Mesh.build(pairs.view)
+        self._lowest = pairs.lowest_light
+        self._labels = index_array(model.labels[corners])
+        self._corner_array = index_array(corners)
+        self._residual_rows = tables.cluster_rows(model) if len(model.residual.code) else None
+        if model.components is not None:
+            self._component_rows = tables.component_rows(model.components, model.texel_count)
+        self._walk = None
+        if model.relief is not None:
+            field = model.relief.field(model.height, model.width, model.view)
+            self._walk = Walk.build(field)
+        self._build()
+
+    def update(self, names: Iterable[str] = ()) -> None:
+        """Makes the tables of parameters that have changed.
+
+        Args:
+            names: of these parameters; none: all.
+        """
+        self.synchronize(names)
+        self._build()
+
+    @torch.no_grad()
+    def synchronize(self, names: Iterable[str] = ()) -> SPMM:
+        """The model in torch with the present numbers of the parameters.
+
+        Args:
+            names: of the parameters that are taken; none: all.
+        """
+        model = self.model
+        for name in names or self.parameters:
+            value = _in_torch(self.parameters[name])
+            if name in OF_LOBES:
+                getattr(model, name).copy_(value)
+            elif name == "residual":
+                model.residual = model.residual.with_codes(value, torch.ones(len(value)))
+            elif model.components is not None and name == "functions":
+                ones = torch.ones(value.shape[:2])
+                model.components = model.components.with_codes(code=value, scale=ones)
+            elif model.components is not None:
+                ones = torch.ones(value.shape[1])
+                model.components = model.components.with_codes(
+                    coefficient=value, coefficient_scale=ones
+                )
+        return model
+
+    def place(self, uv: Any, wo: Any) -> tuple[Any, list[Any]]:
+        """(block, bilinear weights) that the view wo shows at uv of the plane; v runs up."""
+        if self._walk is not None:
+            uv = self._walk.hit(uv, wo)
+        return block_at(uv, self.model.height, self.model.width, self.model.rule)
+
+    def value(self, place: tuple[Any, list[Any]], wi: Any, wo: Any) -> Any:
+        """Cosine-weighted RGB [WDR11 Eq. 2] at a place; 0 under the horizon."""
+        total = mixture.value(self._lobes, self._entries, *place, wi, wo)
+        if self._residuals:
+            fade = dr.select(wo.z > 0.0, dr.clip(wi.z / self._lowest, 0.0, 1.0), 0.0)
+            pairs = Pairs.around(self._light, self._view, fade, wi, wo)
+            total += epsilon(self._residuals, *place, pairs)
+        return total
+
+    def shares(self, place: tuple[Any, list[Any]], wo: Any) -> mixture.Shares:
+        """The probabilities with which lobes are sampled at a place."""
+        block, weights = place
+        return mixture.shares(self._sampled, self._specular, self._group, block, weights, wo)
+
+    def density(self, place: tuple[Any, list[Any]], chances: mixture.Shares, wi: Any, wo: Any) -> Any:
+        """Density of `sample` at wi, in 1/sr."""
+        return mixture.density(self._sampled, self._specular, place[0], chances, wi, wo)
+
+    def sample(
+        self, place: tuple[Any, list[Any]], chances: mixture.Shares, wo: Any, u: Sequence[Any]
+    ) -> Any:
+        """wi in the upper hemisphere of three numbers u in [0, 1)."""
+        return mixture.sample(self._sampled, self._specular, place[0], chances, wo, u)
+
+    def _build(self) -> None:
+        """The tables of the present parameters."""
+        model, parameters = self.model, self.parameters
+        ends = tables.twins_in_use(model), model.horizon, model.lowest_light
+        table = tables.lobe_table(model, parameters)
+        self._lobes, self._sampled = Lobes(table, *ends), Lobes(dr.detach(table), *ends)
+        weights = self._weight_rows.of(parameters["weight"])
+        self._entries = tables.entries_of(self._merged, weights)
+        data = model.sampling_data()
+        self._specular, self._group = tables.specular_entries(self._corners, data)
+        self._residuals = self._residual_kinds()
+
+    def _residual_kinds(self) -> list[Clusters | RankResidual]:
+        """The residuals of the model."""
+        kinds: list[Clusters | RankResidual] = []
+        if self._residual_rows is not None:
+            values = self._residual_rows.of(self.parameters["residual"])
+            pairs = self._light.count * self._view.count
+            kinds.append(Clusters(values, self._labels, pairs))
+        if self.model.components is not None:
+            functions, coefficients, rank = self._component_rows
+            kinds.append(
+                RankResidual(
+                    functions.of(self.parameters["functions"]),
+                    coefficients.of(self.parameters["coefficients"]),
+                    self._corner_array,
+                    rank,
+                    tables.width_of(self.model.components),
+                )
+            )
+        return kinds
+
+
+@torch.no_grad()
+def _numbers(model: SPMM) -> dict[str, Tensor]:
+    """The numbers that a model is made of, by name, without scales."""
+    numbers = {name: getattr(model, name) for name in OF_LOBES}
+    residual, components = model.residual, model.components
+    if len(residual.code):
+        numbers["residual"] = residual.code.float() * residual.scale.view(-1, 1, 1, 1)
+    if components is not None:
+        numbers["functions"] = components.code.float() * components.scale[..., None, None]
+        numbers["coefficients"] = components.coefficients()
+    return numbers
+
+
+def _in_torch(values: Any) -> Tensor:
+    """A tensor of the variant in torch."""
+    return torch.from_numpy(np.array(dr.detach(values), dtype=np.float32))

@@ -1,0 +1,140 @@
+"""Tables of a model as rays read them, made of its parameters so that gradients pass through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..model.components import Components
+from ..model.lookup import SparseWeights, TexelBlocks
+from ..model.sampling import SamplingData
+from ..model.spmm import SPMM
+from .arrays import float_array, index_array, joined, taken
+from .brdf import TWINS
+from .libraries import dr
+from .mixture import KAPPA, LOBE, MODEL, Entries
+from .residual import WIDTH
+
+# What `Rows.place` has where a row holds no number.
+NONE = -1
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where the numbers of a table stand among those of a parameter.
+
+    Attributes:
+        place: of each number, `[n]`, of the variant.
+        counts: 0 where there is none, `[n]`.
+    """
+
+    place: Any
+    counts: Any
+
+    @classmethod
+    def build(cls, place: Tensor) -> Rows:
+        """The rows of places `[...]`, NONE for none."""
+        return cls(index_array(place.clamp(min=0)), index_array(place != NONE))
+
+    def of(self, parameter: Any) -> Any:
+        """The table, flat, of a parameter."""
+        return taken(parameter.array, self.place, self.counts)
+
+
+def blocks(corners: Tensor, offset: Tensor, index: Tensor, codes: Tensor) -> TexelBlocks:
+    """The lobes of each block of texels `corners [T, 4]`, with codes `[n, C]` of the entries."""
+    wanted = torch.ones_like(corners, dtype=torch.bool)
+    return TexelBlocks.build(corners, wanted, SparseWeights(offset.long(), index.long(), codes))
+
+
+def entries_of(merged: TexelBlocks, numbers: Any) -> Entries:
+    """The entries of blocks, with a table of their numbers."""
+    start = torch.cat((merged.start, merged.start[-1:] + merged.count[-1:]))
+    lobes = merged.lobe
+    return Entries(index_array(start), index_array(lobes), numbers, len(lobes))
+
+
+def weight_rows(corners: Tensor, model: SPMM) -> tuple[TexelBlocks, Rows]:
+    """(the lobes of each block, where their weights `[M, 3, 4]` stand)."""
+    count, channels = model.weight.shape
+    number = torch.arange(1, count + 1, dtype=torch.float64)[:, None]  # exact up to 2^53
+    merged = blocks(corners, model.offset, model.index, number)
+    entry = merged.weight[:, None, :, 0].long() - 1  # [M, 1, 4]
+    place = torch.where(entry >= 0, entry * channels + _channel(channels)[:, None], NONE)
+    return merged, Rows.build(place)
+
+
+def specular_entries(corners: Tensor, data: SamplingData) -> tuple[Entries, Any]:
+    """(entries that are sampled, with their codes; codes of the groups of each block)."""
+    merged = blocks(corners, data.offset, data.index, data.gamma[:, None].double())
+    return entries_of(merged, float_array(merged.weight)), float_array(data.group[corners])
+
+
+def lobe_table(model: SPMM, parameters: dict[str, Any]) -> Any:
+    """`Lobes.table` of the parameters `kappa`, `normal` and `angle`."""
+    lobes, columns = model.kappa.shape
+    each = torch.arange(lobes)
+    x, y, z = (Rows.build(3 * each + n).of(parameters["normal"]) for n in range(3))
+    sine, cosine = dr.sincos(parameters["angle"].array)
+    scale = 1.0 / (1.0 + z)
+    tangent = (1.0 - x * x * scale, -x * y * scale, -x)
+    bitangent = (-x * y * scale, 1.0 - y * y * scale, -y)
+    turned = [cosine * t + sine * b for t, b in zip(tangent, bitangent, strict=True)]
+    aside = [cosine * b - sine * t for t, b in zip(tangent, bitangent, strict=True)]
+    kappa = [Rows.build(columns * each + n).of(parameters["kappa"]) for n in range(columns)]
+    zero = float_array(torch.zeros(lobes))
+    table = [*turned, *aside, x, y, z, *kappa, *(zero for _ in range(LOBE - KAPPA - columns))]
+    used = models_in_use(model)
+    table[MODEL] = float_array((model.lobe_model[:, None] == used).int().argmax(dim=1))
+    by_lobe = torch.arange(LOBE) * lobes + each[:, None]  # [J, LOBE]
+    return dr.gather(type(zero), joined(table), index_array(by_lobe))
+
+
+def models_in_use(model: SPMM) -> Tensor:
+    """Models `[n]` that lobes have, ascending."""
+    return torch.unique(model.lobe_model)
+
+
+def twins_in_use(model: SPMM) -> tuple[Any, ...]:
+    """The twins of the models that lobes have."""
+    twins = tuple(TWINS.values())
+    return tuple(twins[n] for n in models_in_use(model).tolist())
+
+
+def cluster_rows(model: SPMM) -> Rows:
+    """Where the values `[K * D, 4]` of the residual of clusters stand."""
+    code = model.residual.code
+    channels = code.shape[-1]
+    column = torch.cat((_channel(channels), torch.tensor([NONE])))
+    place = torch.arange(code[..., 0].numel())[:, None] * channels + column
+    return Rows.build(torch.where(column == NONE, NONE, place))
+
+
+def width_of(components: Components) -> int:
+    """Components that are read at once: the next power of two, at most WIDTH."""
+    return min(WIDTH, 1 << max(2, (components.rank - 1).bit_length()))
+
+
+def component_rows(components: Components, texels: int) -> tuple[Rows, Rows, int]:
+    """(where functions `[D, 3, R']` stand, where coefficients `[T, R']` do, R')."""
+    rank, width = components.rank, width_of(components)
+    padded = -(-rank // width) * width
+    component = torch.arange(padded)
+    pairs, channels = components.code[0, ..., 0].numel(), components.code.shape[-1]
+    pair = torch.arange(pairs)[:, None, None]
+    function = (component * pairs + pair) * channels + _channel(channels)[:, None]
+    coefficient = torch.arange(texels)[:, None] * rank + component
+    return (
+        Rows.build(torch.where(component < rank, function, NONE)),
+        Rows.build(torch.where(component < rank, coefficient, NONE)),
+        padded,
+    )
+
+
+def _channel(channels: int) -> Tensor:
+    """The channels `[3]` that red, green and blue are."""
+    return torch.arange(3).clamp(max=channels - 1)

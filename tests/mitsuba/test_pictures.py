@@ -1,0 +1,148 @@
+"""Pictures of Mitsuba: those of our renderer, their gradients, and one ray at a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from spmm_torch import SPMM
+from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.mitsuba.material import Material
+from spmm_torch.render import (
+    Camera,
+    DirectionalLight,
+    RenderSettings,
+    Scene,
+    Sphere,
+    Texture,
+    render,
+)
+from tests.mitsuba.queries import interaction, random_queries, values, vectors
+from tests.mitsuba.scenes import sphere_scene, sun
+from tests.planted.models import (
+    FEW_RINGS,
+    planted_model,
+    uneven_model,
+    with_components,
+    with_relief,
+)
+from tests.planted.runs import model_folder
+
+SUN = (0.4, 0.5, 1.0)
+
+
+def textured(mi: Any, run: Path) -> dict[str, Any]:
+    """The plug-in with one copy of its texture along half a turn, as `Texture` has it."""
+    lie = mi.ScalarTransform4f().translate([0.5, 0, 0]) @ mi.ScalarTransform4f().scale([2, 1, 1])
+    return {"type": "spmm", "filename": str(run), "to_uv": lie}
+
+
+def test_the_picture_is_that_of_our_renderer(mi: Any, tmp_path: Path) -> None:
+    model = with_relief(with_components(planted_model(size=8, residual=0.02), beside=True))
+    run = model_folder(tmp_path / "run", model)
+    scene = sphere_scene(mi, textured(mi, run), {"sun": sun(SUN)}, 24)
+    found = np.array(mi.render(scene, spp=1024, seed=0))
+    ours = Scene(Sphere(Texture()), Camera.orthographic(), (DirectionalLight.build(SUN),))
+    expected = render(model, ours, RenderSettings(size=24, samples=1024)).picture.numpy()
+    error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    assert error < 0.01  # noise within pixels is most of it
+
+
+def small_model() -> SPMM:
+    directions = ring_directions(FEW_RINGS)
+    return with_components(uneven_model([2, 3, 1, 2], 2, directions, directions), beside=True)
+
+
+def test_gradients_flow_to_every_parameter(mi: Any, tmp_path: Path) -> None:
+    import drjit
+
+    run = model_folder(tmp_path / "run", small_model())
+    scene = sphere_scene(mi, textured(mi, run), {"sun": sun(SUN)}, 8)
+    parameters = mi.traverse(scene)
+    integrator = mi.load_dict({"type": "prb", "max_depth": 2})
+    weight = parameters["ball.bsdf.weight"]
+    drjit.enable_grad(weight)
+    parameters.update()
+    picture = mi.render(scene, parameters, integrator=integrator, spp=16, seed=0, seed_grad=0)
+    drjit.backward(drjit.sum(picture, axis=None))
+    gradient = np.array(drjit.grad(weight))
+    drjit.disable_grad(weight)
+    step = 0.5  # the picture is linear in the weights
+    total = []
+    for sign in (1.0, -1.0):
+        change = np.zeros_like(gradient)
+        change[1, 0] = sign * step
+        parameters["ball.bsdf.weight"] = mi.TensorXf(np.array(weight) + change)
+        parameters.update()
+        total.append(np.array(mi.render(scene, integrator=integrator, spp=16, seed=0)).sum())
+        parameters["ball.bsdf.weight"] = mi.TensorXf(np.array(weight) - change)
+    print(gradient[1, 0], (total[0] - total[1]) / (2 * step))
+    assert gradient[1, 0] == pytest.approx((total[0] - total[1]) / (2.0 * step), rel=0.02)
+    assert gradient[1, 0] > 0.0
+
+
+@pytest.mark.parametrize("name", ["weight", "kappa", "normal", "residual", "coefficients"])
+def test_gradients_are_those_of_torch(name: str, mi: Any) -> None:
+    import drjit
+
+    model = small_model()
+    material = Material(small_model())
+    uv, wi, wo = random_queries(500)
+    parameter = material.parameters[name]
+    drjit.enable_grad(parameter)
+    material.update()
+    up = mi.Point2f(*uv.T.contiguous().numpy())
+    light, view = vectors(mi, wi), vectors(mi, wo)
+    found = material.value(material.place(up, view), light, view)
+    drjit.backward(drjit.sum(drjit.sum(found)))
+    owner = {"residual": model.residual, "coefficients": model.components}.get(name)
+    if owner is None:
+        leaf = getattr(model, name)
+        model(uv, wi, wo).sum().backward()
+        expected = leaf.grad
+    else:
+        expected = by_torch(model, name, uv, wi, wo)
+    gradient = torch.from_numpy(np.array(drjit.grad(parameter)))
+    torch.testing.assert_close(gradient, expected, rtol=2e-3, atol=2e-4)
+
+
+def by_torch(model: SPMM, name: str, uv: Any, wi: Any, wo: Any) -> Any:
+    """Gradients of a residual, whose codes are numbers themselves."""
+    assert model.components is not None
+    if name == "residual":
+        scale = model.residual.scale.view(-1, 1, 1, 1)
+        leaf = (model.residual.code.float() * scale).detach().requires_grad_()
+        model.residual = model.residual.with_codes(leaf.detach(), torch.ones(len(leaf)))
+        code = model.residual.code
+    else:
+        values = model.components.coefficients()
+        model.components = model.components.with_codes(
+            coefficient=values, coefficient_scale=torch.ones(values.shape[1])
+        )
+        code = model.components.coefficient
+    code.requires_grad_()
+    model(uv, wi, wo).sum().backward()
+    return code.grad
+
+
+def test_one_ray_at_a_time(scalar: Any, tmp_path: Path) -> None:
+    model = small_model()
+    run = model_folder(tmp_path / "run", model)
+    bsdf = scalar.load_dict(textured(scalar, run))
+    uv, wi, wo = random_queries(6)
+    si = scalar.SurfaceInteraction3f()
+    for at, light, view in zip(uv, wi, wo, strict=True):
+        si.uv, si.wi = [float((at[0] - 0.5) / 2.0), float(1.0 - at[1])], view.tolist()
+        value, density = bsdf.eval_pdf(scalar.BSDFContext(), si, light.tolist())
+        with torch.no_grad():
+            expected, pdf = model(at, light, view), model.pdf(at, light, view)
+        torch.testing.assert_close(torch.tensor(list(value)), expected, rtol=1e-4, atol=1e-5)
+        assert float(density) == pytest.approx(float(pdf), rel=1e-4)
+    picture = np.array(scalar.render(
+        sphere_scene(scalar, textured(scalar, run), {"sun": sun(SUN)}, 4), spp=2
+    ))
+    assert np.isfinite(picture).all() and picture.mean() > 0.0

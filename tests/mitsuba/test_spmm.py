@@ -1,0 +1,61 @@
+"""The plug-in `spmm` against the model in torch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from spmm_torch import SPMM
+from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.geometry.directions import MIRROR, ring_directions
+from spmm_torch.mitsuba.brdf import TWINS
+from tests.mitsuba.queries import interaction, random_queries, values, vectors
+from tests.planted.models import (
+    FEW_RINGS,
+    FINE_RINGS,
+    planted_model,
+    planted_relief,
+    uneven_model,
+    with_components,
+    with_relief,
+)
+from tests.planted.runs import model_folder
+
+QUERIES = 10_000
+RINGS = ring_directions(FEW_RINGS)
+
+
+def every_brdf() -> SPMM:
+    """Texels of no lobe and of one to nine, in a texture that is wider than high."""
+    model = uneven_model([0, 9, 4, 2, 7, 1], 2, RINGS, RINGS, names=MODEL_NAMES)
+    return with_components(model, rank=5, beside=True)
+
+
+MODELS = {
+    "every BRDF, both residuals": every_brdf,
+    "lobes alone": lambda: planted_model(size=4, names=("ward",)),
+    "relief": lambda: with_relief(planted_model(size=16, rings=FINE_RINGS, residual=0.02)),
+    "mirrored relief": lambda: with_relief(
+        with_components(planted_model(size=6), rank=20), planted_relief(6, 6, rule=MIRROR)
+    ),
+}
+
+
+def test_every_brdf_has_a_twin() -> None:
+    assert tuple(TWINS) == MODEL_NAMES
+
+
+@pytest.mark.parametrize("build", MODELS.values(), ids=MODELS)
+def test_values_and_densities_are_those_of_torch(build: Any, mi: Any, tmp_path: Path) -> None:
+    model = build()
+    run = model_folder(tmp_path / "run", model)
+    bsdf = mi.load_dict({"type": "spmm", "filename": str(run)})
+    uv, wi, wo = random_queries(QUERIES)
+    found = bsdf.eval_pdf(mi.BSDFContext(), interaction(mi, uv, wo), vectors(mi, wi))
+    with torch.no_grad():
+        expected, density = model(uv, wi, wo), model.pdf(uv, wi, wo)
+    torch.testing.assert_close(values(found[0]), expected, rtol=2e-5, atol=2e-6)
+    torch.testing.assert_close(values(found[1]), density, rtol=2e-5, atol=2e-6)
