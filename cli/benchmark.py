@@ -15,11 +15,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spmm_torch.benchmark.repeats import FULL_REPEATS, SMALL_REPEATS
-from spmm_torch.config.fit import FitConfig
+from spmm_torch.config.fit import DataConfig, FitConfig
 from spmm_torch.errors import ConfigError
 
+from .inputs import READING
 from .parser import Parser, add_output, file_name, whole_number
-from .settings import add_settings
+from .settings import add_settings, read_settings
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -65,17 +66,19 @@ def add_options(parser: Parser) -> None:
         "them (default: 1,10)",
     )
     add_settings(parser, FitConfig, "device")
+    add_settings(parser, DataConfig, *READING)
 
 
 def run(options: argparse.Namespace) -> list[str]:
     """Measures, and writes the results whole or not at all."""
     from spmm_torch.benchmark.page import write_page
     from spmm_torch.benchmark.scope import Bench
-    from spmm_torch.data import sample_path
+    from spmm_torch.data import ReadOptions, sample_path
     from spmm_torch.runtime.atomic import new_folder
     from spmm_torch.runtime.device import resolve_device
     from spmm_torch.runtime.progress import Progress
 
+    reading = ReadOptions.of(read_settings(DataConfig, options))
     parts, progress = chosen_parts(options.parts), Progress()
     scope = chosen_scope(options.small, options.repeats)
     device = resolve_device(options.device)
@@ -86,7 +89,7 @@ def run(options: argparse.Namespace) -> list[str]:
     with new_folder(options.output) as folder:
         total = 1 + sum(part(name).count(scope) for name in parts)
         with progress.stage("benchmark", total, "measurements") as stage:
-            results = measure(Bench(source, scope, device, progress, stage), parts)
+            results = measure(Bench(source, scope, device, progress, stage, reading), parts)
         text = json.dumps(finite(results), indent=1, ensure_ascii=False, allow_nan=False)
         (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
         write_page(folder / PAGE, results)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 FORMATS = "a zip or folder of pictures, an UBO2014 .btf, or an NPZ"
 MODEL_SUFFIX = ".safetensors"
+# Settings of a fit that tell how files are read, whatever is done with them.
+READING = ("gamma", "cosine", "negative", "missing", "pattern", "rings")
 
 
 def check_input(path: str) -> None:

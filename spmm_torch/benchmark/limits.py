@@ -15,9 +15,9 @@ import torch
 from ..config.fit import ClusterConfig
 from ..config.shipped import shipped
 from ..data import BTF
-from ..data.options import DEFAULT_OPTIONS
-from ..data.picture_set import PictureSet, accepts
-from ..data.pictures import open_archive
+from ..data.named_pictures import list_pictures
+from ..data.picture_set import PictureSet
+from ..data.pictures import is_container, open_archive
 from ..fit.cluster import OVERSAMPLING
 from ..fit.pipeline import FitResult
 from ..runtime.context import Context
@@ -119,10 +119,10 @@ def bare_decoding(bench: Bench) -> Timing | None:
 
     None unless the input is a set of pictures that is read as a whole.
     """
-    if not accepts(bench.source) or not bench.open().part.is_whole:
+    named = is_container(bench.source) and list_pictures(bench.source, bench.reading.pattern)
+    if not named or not bench.open().part.is_whole:
         return None
-    pictures = PictureSet.scan(bench.source, DEFAULT_OPTIONS)
-    # The default options refuse sets with missing pictures, so no name is None.
+    pictures = PictureSet.scan(bench.source, bench.reading)
     files = [name for name in pictures.grid.files if name is not None]
 
     def work() -> None:
@@ -132,7 +132,7 @@ def bare_decoding(bench: Bench) -> Timing | None:
                 for payload in archive.read(files[part]):
                     pictures.codec.decode(payload)
 
-            with ThreadPoolExecutor(DEFAULT_OPTIONS.thread_count) as pool:
+            with ThreadPoolExecutor(bench.reading.thread_count) as pool:
                 for _ in pool.map(decode, slices(len(files), len(pictures.grid.light))):
                     pass  # raises what a thread raised
 

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import torch
 
-from ..data import BTF, Selection, load_btf
+from ..data import BTF, ReadOptions, Selection, load_btf
+from ..data.options import DEFAULT_OPTIONS
 from ..runtime.progress import Progress
 from .protocol import Protocol
 from .repeats import FULL_REPEATS, SMALL_REPEATS
@@ -93,6 +94,7 @@ class Bench:
         device: of the fits.
         progress: of the command.
         advance: called after each measurement.
+        reading: how the input, and further materials, are read.
     """
 
     source: Path
@@ -100,10 +102,15 @@ class Bench:
     device: torch.device
     progress: Progress
     advance: Callable[[], None]
+    reading: ReadOptions = DEFAULT_OPTIONS
 
     def open(self) -> BTF:
         """The input, not decoded yet."""
-        return load_btf(self.source, selection=self.scope.selection)
+        return self.read(self.source, self.scope.selection)
+
+    def read(self, source: Path, selection: Selection) -> BTF:
+        """A part of an input, not decoded yet."""
+        return load_btf(source, self.reading, selection=selection)
 
     def with_selection(self, selection: Selection) -> Bench:
         """The same for another part of the input."""

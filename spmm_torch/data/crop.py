@@ -28,12 +28,25 @@ Box = tuple[int, int, int, int]  # left, top, right, bottom
 
 
 def crop_ubo2003(
-    source: Path | str, x0: int, y0: int, width: int, height: int, destination: Path | str
+    source: Path | str,
+    x0: int,
+    y0: int,
+    width: int,
+    height: int,
+    destination: Path | str,
+    *,
+    pattern: str | None = None,
 ) -> None:
     """Writes the texels `[y0 : y0 + height, x0 : x0 + width]` of every picture to a zip.
 
     Pictures are encoded again in YCbCr with their own quantization tables. As the rectangle follows
     the blocks of JPEG, this repeats the coefficients of the source, up to rounding.
+
+    Args:
+        source: zip or folder of the pictures.
+        x0, y0, width, height: the rectangle.
+        destination: zip to write.
+        pattern: how pictures are named; None: each angle behind its letters.
 
     Raises:
         DataError: there are no pictures, they are not JPEG, or the rectangle is outside of them or
@@ -41,9 +54,12 @@ def crop_ubo2003(
         OutputError: the zip cannot be written.
     """
     path, target = Path(source), Path(destination)
-    names = list_pictures(path)
+    names = list_pictures(path, pattern)
     if not names:
-        raise DataError(f"{path} holds no UBO2003 pictures; nothing to crop.")
+        raise DataError(
+            f"{path} holds no pictures that are named by their directions; expected names such as "
+            f"those of UBO2003; tell by --pattern how they are named."
+        )
     box = (x0, y0, x0 + width, y0 + height)
     with (
         open_archive(path) as archive,

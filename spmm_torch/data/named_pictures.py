@@ -20,9 +20,9 @@ EXPECTED = (
 )
 
 
-def list_pictures(path: Path) -> list[str]:
+def list_pictures(path: Path, pattern: str | None = None) -> list[str]:
     """Names of the pictures in a zip or folder that are named by their directions."""
-    return _named(list_files(path), None)
+    return _named(list_files(path), pattern)
 
 
 def _named(files: Sequence[str], pattern: str | None) -> list[str]:

@@ -8,7 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import torch
 
 from spmm_torch.benchmark import weightings
 from spmm_torch.benchmark.limits import STAGES
@@ -16,6 +18,7 @@ from spmm_torch.benchmark.peers import PEERS
 from spmm_torch.benchmark.peers.problem import SEARCH, SELECTION, WHOLE
 from spmm_torch.benchmark.scope import FULL, SMALL
 from spmm_torch.benchmark.variants import SHIPPED
+from spmm_torch.cli import benchmark
 from spmm_torch.cli.benchmark import (
     PARTS,
     chosen_parts,
@@ -25,6 +28,9 @@ from spmm_torch.cli.benchmark import (
     headlines,
 )
 from spmm_torch.cli.main import main
+from spmm_torch.config.fit import DataConfig
+from spmm_torch.data import Selection, load_input
+from tests.data.test_picture_set import make_files, write_zip
 
 Results = dict[str, Any]
 
@@ -50,6 +56,30 @@ def test_bad_input_is_one_sentence(
     sentence = refused("benchmark", "-o", tmp_path / "out", *options)
     assert sentence.startswith(complaint) and sentence.endswith(".")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_input_is_read_as_the_options_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By all parts, and whatever else is measured beside it."""
+    codes = np.random.default_rng(1).integers(1, 256, (3, 3, 4, 5, 3), dtype=np.uint8)
+    files = make_files(codes, name=lambda n, tl, pl, tv, pv: f"L{tl}_{pl}_V{tv}_{pv}.png")
+    write_zip(tmp_path / "a.zip", files[:-1])
+    opened = []
+    monkeypatch.setattr(
+        benchmark, "measure", lambda bench, parts: opened.append(bench) or {"default": {}}
+    )
+    monkeypatch.setattr("spmm_torch.benchmark.page.write_page", lambda path, results: None)
+    options = ["--gamma=1", "--cosine=missing", "--missing=mask", "--pattern=L{tl}_{pl}_V{tv}_{pv}"]
+    command = ["benchmark", str(tmp_path / "a.zip"), "-o", str(tmp_path / "out"), *options]
+    assert main(command) == 0
+    (bench,) = opened
+    expected = load_input(
+        bench.source, DataConfig(1.0, "missing", "refuse", "mask", options[3][10:])
+    )
+    for btf in (bench.open(), bench.read(bench.source, Selection())):
+        assert torch.equal(btf.missing, expected.missing)
+        assert torch.equal(btf.texels(), expected.texels())
 
 
 def test_an_output_that_exists(tmp_path: Path, refused: Callable[..., str]) -> None:

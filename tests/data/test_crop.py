@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from spmm_torch.data import load_btf
+from spmm_torch.data import ReadOptions, load_btf
 from spmm_torch.data.crop import crop_jpeg, crop_ubo2003
 from spmm_torch.errors import DataError
 
@@ -57,6 +57,20 @@ def test_zip(tmp_path: Path) -> None:
     assert (btf.picture(0, 1) - expected).abs().max() < 4 / 255
     with zipfile.ZipFile(tmp_path / "NEW.zip") as archive:
         assert all(name.startswith("NEW/MANYFILES/tv000_pv000/") for name in archive.namelist())
+
+
+def test_names_by_a_pattern(tmp_path: Path) -> None:
+    """What is not named as UBO2003 does is cut too, and keeps its names."""
+    names = [f"W/L{light}_0_V0_0.jpg" for light in (0, 15)]
+    with zipfile.ZipFile(tmp_path / "old.zip", "w") as archive:
+        for name in names:
+            archive.writestr(name, smooth_jpeg())
+    target, pattern = tmp_path / "NEW.zip", "L{tl}_{pl}_V{tv}_{pv}"
+    with pytest.raises(DataError, match="--pattern"):
+        crop_ubo2003(tmp_path / "old.zip", 8, 16, 16, 8, target)
+    crop_ubo2003(tmp_path / "old.zip", 8, 16, 16, 8, target, pattern=pattern)
+    btf = load_btf(target, ReadOptions(pattern=pattern))
+    assert (btf.height, btf.width, btf.pair_count) == (8, 16, 2)
 
 
 def test_a_turned_jpeg_is_not_cut_as_if_it_were_upright(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ...data import load_btf
 from ..fits import TimedFit
 from ..scope import Bench, Scope
 from .leads import leads_of
@@ -46,8 +45,9 @@ def run(bench: Bench, default: TimedFit) -> dict[str, Any]:
 
 def _rows(bench: Bench, source: Path) -> list[Row]:
     """All points of one material."""
-    selection = middle(load_btf(source, selection=bench.scope.selection), LARGEST_SIDE)
-    btf = load_btf(source, selection=selection or bench.scope.selection).load()
+    whole = bench.scope.selection
+    selection = middle(bench.read(source, whole), LARGEST_SIDE)
+    btf = bench.read(source, selection or whole).load()
     subject = Subject(source.stem, btf, bench)
     ours, relief = our_rows(subject)
     seconds = max(row["seconds"] for row in ours)

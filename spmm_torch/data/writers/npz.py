@@ -11,7 +11,7 @@ from numpy.lib import format as npy
 
 from ...runtime.atomic import new_file, zip_member
 from .base import NoSettings, Writer
-from .views import fits_half, pictures_of_views
+from .views import half_holds, pictures_of_views
 
 if TYPE_CHECKING:
     from ..btf import BTF
@@ -23,7 +23,7 @@ HALF, SINGLE = np.dtype("<f2"), np.dtype("<f4")
 def write_npz(path: Path | str, btf: BTF, progress: Progress | None = None) -> None:
     """Writes a BTF as NPZ; a failure leaves nothing.
 
-    Sources of float16 stay so unless a value exceeds 65504; others become float32.
+    Sources of 16 bits become float16 where that holds every value exactly; others become float32.
     `progress(done, total)` counts views.
 
     Raises:
@@ -41,8 +41,7 @@ def write_npz(path: Path | str, btf: BTF, progress: Progress | None = None) -> N
 
 def _write_values(archive: zipfile.ZipFile, btf: BTF, progress: Progress | None) -> None:
     """Writes the values `[V, L, H, W, 3]`, view by view."""
-    is_half = btf.bytes_per_value == HALF.itemsize and fits_half(btf)
-    dtype = HALF if is_half else SINGLE
+    dtype = HALF if btf.bytes_per_value == HALF.itemsize and half_holds(btf) else SINGLE
     shape = (len(btf.view), len(btf.light), btf.height, btf.width, btf.channels)
     header = {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
     with archive.open(zip_member("values.npy"), "w", force_zip64=True) as stream:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 
 from ...errors import DataError
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from ..btf import BTF
     from ..store import Progress
 
-MAX_HALF = float(np.finfo(np.float16).max)  # 65504; larger values would become infinite
+HALF_BYTES = 2
 
 
 def pictures_of_views(btf: BTF, progress: Progress | None) -> Iterator[np.ndarray]:
@@ -47,8 +48,12 @@ def refuse_gaps(btf: BTF) -> None:
         )
 
 
-def fits_half(btf: BTF) -> bool:
-    """Whether no value exceeds the largest half float; reads all values of an HDR BTF."""
-    if not btf.is_hdr:
-        return True
-    return all(float(btf.pictures(view).max()) <= MAX_HALF for view in range(len(btf.view)))
+def half_holds(btf: BTF) -> bool:
+    """Whether half floats hold every value exactly; reads all values if so.
+
+    They do not where a value is out of their range, or comes from integers of 16 bits.
+    """
+    if btf.bytes_per_value > HALF_BYTES:
+        return False
+    views = (btf.pictures(view) for view in range(len(btf.view)))
+    return all(torch.equal(pictures.half().float(), pictures) for pictures in views)

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import imagecodecs
 import numpy as np
 import pytest
 import torch
 
+from spmm_torch.data import load_btf
 from spmm_torch.data.codecs import openexr
 from spmm_torch.data.file_names import parse_angles
 from spmm_torch.data.picture_grid import unit_vectors
-from spmm_torch.data.writers import write_exr_folder
+from spmm_torch.data.writers import WRITERS, write_exr_folder
+from spmm_torch.data.writers.base import NoSettings
 from spmm_torch.errors import OutputError
+from tests.data.test_picture_set import make_files, write_zip
 from tests.planted.btfs import picture_btf
 
 
@@ -45,7 +49,7 @@ def test_values_and_names(tmp_path: Path, values: np.ndarray, dtype: type) -> No
 
 
 def test_precision(tmp_path: Path, values: np.ndarray) -> None:
-    values[1, 2, 3, 4] = 1.5
+    values = values.astype(np.float16).astype(np.float32)
     for number, (source_bytes, maximum, expected) in enumerate(
         [
             (1, 1.5, np.float16),
@@ -61,6 +65,20 @@ def test_precision(tmp_path: Path, values: np.ndarray) -> None:
         pictures = decoded(tmp_path / str(number)).values()
         assert {picture.dtype for picture in pictures} == {np.dtype(expected)}
         assert max(picture.max() for picture in pictures) == maximum
+
+
+@pytest.mark.parametrize("kind", ["exr", "npz"])
+def test_integers_of_16_bits_are_not_rounded_to_half_floats(tmp_path: Path, kind: str) -> None:
+    """65,536 levels need more than the 11 bits of a half float."""
+    codes = np.random.default_rng(3).integers(1, 1 << 16, (3, 3, 4, 5, 3), dtype=np.uint16)
+    names = [name for name, _ in make_files((codes >> 8).astype(np.uint8))]
+    files = [imagecodecs.png_encode(picture) for picture in codes.reshape(-1, 4, 5, 3)]
+    source = write_zip(tmp_path / "a.zip", list(zip(names, files, strict=True)))
+    source = load_btf(source, gamma=1.0)
+    assert source.bytes_per_value == 2
+    written = tmp_path / ("b" if kind == "exr" else "b.npz")
+    WRITERS[kind].write(written, source, NoSettings())
+    assert torch.equal(load_btf(written).texels(), source.texels())
 
 
 def test_existing_folder_is_kept(tmp_path: Path, values: np.ndarray) -> None:
