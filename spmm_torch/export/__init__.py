@@ -27,5 +27,17 @@ TARGETS: dict[str, Target] = {
             ".exr",
             (LOBES, RESIDUAL, RELIEF),
         ),
+        Target(
+            "gltf",
+            "a sphere with one metallic-roughness surface a texel, fit to the lobes",
+            ".glb",
+            (),
+        ),
+        Target(
+            "openpbr",
+            "a MaterialX file with one OpenPBR surface a texel, fit to the lobes",
+            "",
+            (RELIEF,),
+        ),
     )
 }

@@ -24,7 +24,7 @@ from .parameters import Parameter, Surface, Values, joined, split, start_of
 
 # Pairs of directions of each of three kinds, and the powers of the cosine by which lights spread
 # about the normal, half vectors about it, and lights about the view.
-PAIRS, POWERS = 48, (1.0, 12.0, 50.0)
+PAIRS, POWERS = (80, 40, 24), (1.0, 12.0, 50.0)
 # Display values are (x / white + FOOT)^POWER, white being this quantile of all values.
 POWER, FOOT, WHITE = 1.0 / 2.4, 0.003, 0.99
 # Share of the light that all but the brightest texels may reflect: colours end at 1.
@@ -81,13 +81,13 @@ def random_pairs(like: Tensor) -> tuple[Tensor, Tensor]:
     Lights of a cosine distribution, lights mirrored about half vectors near the normal, and lights
     near the view. Views have a cosine distribution.
     """
-    points = torch.quasirandom.SobolEngine(4, scramble=True, seed=SEED).draw(3 * PAIRS).to(like)
+    points = torch.quasirandom.SobolEngine(4, scramble=True, seed=SEED).draw(sum(PAIRS)).to(like)
     wo = square_to_cosine_hemisphere(points[:, :2])
     free, half, near = (
         square_to_power_cosine(part, torch.full_like(part[:, 0], power))
         for part, power in zip(points[:, 2:].split(PAIRS), POWERS, strict=True)
     )
-    seen, behind = wo[PAIRS : 2 * PAIRS], wo[2 * PAIRS :]
+    seen, behind = wo.split(PAIRS)[1:]
     mirrored = 2.0 * (half * seen).sum(-1, keepdim=True) * half - seen
     frames = frame_from_normal(behind, torch.zeros_like(behind[:, 0]))
     back = (near[:, None] @ frames).squeeze(1)
@@ -102,7 +102,7 @@ def look_of(model: SPMM) -> Look:
     wi, wo = random_pairs(model.weight.detach())
     pictures = [model.picture(a, b).flatten(0, 1) for a, b in zip(wi.T, wo.T, strict=True)]
     value = torch.stack(pictures, dim=1).clamp(min=0.0)  # [T, S, 3]
-    albedo = torch.pi * (value / wi[2, :, None])[:, :PAIRS].mean(1)  # [T, 3]
+    albedo = torch.pi * (value / wi[2, :, None])[:, : PAIRS[0]].mean(1)  # [T, 3]
     gain = max(1.0, _quantile(albedo) / MAX_ALBEDO)
     white = max(_quantile(value) / gain, torch.finfo(value.dtype).tiny)
     return Look(wi, wo, value / gain, white, gain)
@@ -111,6 +111,16 @@ def look_of(model: SPMM) -> Look:
 def _quantile(values: Tensor) -> float:
     """What all but a few of some values `[...]` are below."""
     return float(values.flatten().kthvalue(max(1, int(WHITE * values.numel()))).values)
+
+
+def gain_note(gain: float) -> tuple[str, ...]:
+    """What to say of a gain: nothing of 1."""
+    if gain == 1.0:
+        return ()
+    return (
+        f"brightness: the model reflects more light than it gets, as its pictures were never "
+        f"calibrated; the material is {gain:.3g} times darker, and compared as if it were not",
+    )
 
 
 def fit_surface(surface: Surface, look: Look, progress: Progress) -> Fitted:

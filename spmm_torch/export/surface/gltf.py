@@ -82,10 +82,16 @@ class GLTFSurface:
 
 
 def axis(vector: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """(strength, cosine and sine of twice the angle), `[T, 1]` each, of a vector `[T, 2]`.
+    """(strength, cosine and sine of twice the angle), `[T, 1]` each, of an axis.
 
-    An axis is the same turned by half a turn: the vector has twice its angle.
+    Args:
+        vector: at twice the angle and as long as strong, `[T, 2]`, since an axis is the same after
+            half a turn; or as textures have it, x and y of the axis and its strength, `[T, 3]`.
     """
+    if vector.shape[-1] == 3:
+        x, y, strength = vector.split(1, dim=-1)
+        squared = (x * x + y * y).clamp(min=TINY)
+        return strength, (x * x - y * y) / squared, 2.0 * x * y / squared
     length = (vector.square().sum(-1, keepdim=True) + TINY).sqrt()
     cos2, sin2 = (vector / length).split(1, dim=-1)
     return length.clamp(max=1.0), cos2, sin2
