@@ -27,5 +27,11 @@ TARGETS: dict[str, Target] = {
             ".exr",
             (LOBES, RESIDUAL, RELIEF),
         ),
+        Target(
+            "mitsuba",
+            "scene, loader and model, which Mitsuba 3 renders as they are",
+            "",
+            (LOBES, RESIDUAL, RELIEF),
+        ),
     )
 }

