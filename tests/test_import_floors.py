@@ -23,7 +23,7 @@ FLOORS: tuple[frozenset[str], ...] = (
     frozenset({"solvers", "data", "lobes"}),
     frozenset({"check", "model", "synthesize"}),
     frozenset({"__init__"}),
-    frozenset({"render", "edit"}),
+    frozenset({"render", "edit", "mitsuba"}),
     frozenset({"report"}),
     frozenset({"runs"}),
     frozenset({"evaluate"}),

@@ -45,5 +45,10 @@ TARGETS: dict[str, Target] = {
             "",
             (RELIEF,),
         ),
+            "mitsuba",
+            "scene, loader and model, which Mitsuba 3 renders as they are",
+            "",
+            (LOBES, RESIDUAL, RELIEF),
+        ),
     )
 }

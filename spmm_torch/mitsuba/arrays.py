@@ -16,6 +16,9 @@ from torch import Tensor
 
 from .libraries import dr, mi
 
+# Least divisor: the smallest normal number of float32.
+SMALLEST = 2.0**-126
+
 
 def is_jit() -> bool:
     """Whether the variant works on wavefronts."""

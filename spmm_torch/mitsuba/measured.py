@@ -17,7 +17,7 @@ from ..geometry.directions import REPEAT
 from ..geometry.grazing import lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation
 from ..runtime.memory import slices
-from .arrays import float_array, half_array, index_array, loop, one, row
+from .arrays import SMALLEST, float_array, half_array, index_array, loop, one, row
 from .brdf.warp import cosine_pdf, square_to_cosine_hemisphere
 from .hemisphere import Mesh, Pairs
 from .libraries import dr, mi
@@ -100,7 +100,7 @@ class Measured:
         pairs = Pairs.around(self.light, self.view, 1.0, wi, wo)
         each = [pairs.of(mi.UInt32(n)) for n in range(Pairs.COUNT)]
         kept = sum(weight * one(self.measured, pair) for pair, weight in each)
-        return 1.0 / dr.maximum(kept, dr.smallest(mi.Float))
+        return 1.0 / dr.maximum(kept, SMALLEST)
 
     def _pixel(self, index: Any) -> list[Any]:
         """Red, green and blue of a (texel, pair)."""

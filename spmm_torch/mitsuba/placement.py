@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .arrays import SMALLEST
 from .libraries import dr, mi
 
 
@@ -52,7 +53,7 @@ class Placement:
         x = (d * across.x - c * along.x) * sign
         y = (d * across.y - c * along.y) * sign
         turned = (across.x * along.y - across.y * along.x) * -determinant
-        length = dr.rsqrt(dr.maximum(x * x + y * y, dr.smallest(mi.Float)))
+        length = dr.rsqrt(dr.maximum(x * x + y * y, SMALLEST))
         side = dr.select(turned >= 0.0, 1.0, -1.0)
         # Without a parametrization, the shading frame is that of the texture.
         parts = ((x * length, 1.0), (y * length, 0.0), (side, 1.0))

@@ -8,7 +8,7 @@ from typing import Any
 from ..geometry.directions import REPEAT
 from ..geometry.ray_walk import SLOWEST, WINDOWS
 from ..geometry.relief import HeightField
-from .arrays import float_array, loop, one
+from .arrays import SMALLEST, float_array, loop, one
 from .libraries import dr, mi
 from .texels import remainder
 
@@ -51,7 +51,7 @@ class Walk:
         if cells.low == cells.high == 0.0:
             return uv
         length = dr.sqrt(wo.x * wo.x + wo.y * wo.y)
-        down = dr.maximum(dr.maximum(wo.z, length / self.field.slope), dr.smallest(mi.Float))
+        down = dr.maximum(dr.maximum(wo.z, length / self.field.slope), SMALLEST)
         shift = mi.Vector2f(wo.x / down, wo.y / down * (columns / rows))
         if cells.low == cells.high:
             return uv + cells.low * shift

@@ -24,7 +24,8 @@ QUERIES = 2_000
 
 def with_gaps(btf: BTF) -> BTF:
     """The BTF without every seventh pair."""
-    return replace(btf, measured=torch.arange(btf.pair_count) % 7 != 3)
+    missing = torch.arange(btf.pair_count) % 7 == 3
+    return replace(btf, missing=missing.view(len(btf.view), len(btf.light)))
 
 
 @pytest.mark.parametrize("halves", [False, True])

@@ -1,0 +1,61 @@
+"""Mitsuba's own chi-square test of the whole mixture: what is sampled has the density that is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from spmm_torch import SPMM
+from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.geometry.directions import ring_directions
+from tests.lobes.lobe_cases import kappa_of_widths, unit_vector
+from tests.planted.models import FEW_RINGS, planted_model, uneven_model, with_components, with_relief
+from tests.planted.runs import model_folder
+
+ANGLES = (0.0, 25.0, 45.0, 65.0, 80.0)
+# Over all tests below together, by Sidak's correction.
+SIGNIFICANCE = 0.01
+RINGS = ring_directions(FEW_RINGS)
+# Mitsuba integrates by the trapezoid rule in even cells, which resolves no lobe much narrower.
+WIDTH = 0.2
+
+
+def of_width(model: SPMM, width: float = WIDTH) -> SPMM:
+    """The model with lobes of one width, narrow enough to be sampled."""
+    from spmm_torch.brdf import REGISTRY
+
+    with_width = model.kappa.detach().clone()
+    for lobe, index in enumerate(model.lobe_model.tolist()):
+        kappa = kappa_of_widths(REGISTRY[index], (width, width))
+        with_width[lobe, : len(kappa)] = with_width.new_tensor(kappa)
+    model.kappa.data.copy_(with_width)
+    return model
+
+
+MATERIALS = {
+    "every BRDF": lambda: of_width(uneven_model([9, 9, 9, 9], 2, RINGS, RINGS, names=MODEL_NAMES)),
+    "components": lambda: of_width(with_components(planted_model(size=4), rank=3)),
+    "relief": lambda: of_width(with_relief(planted_model(size=8, names=("ggx", "ward")))),
+}
+TESTS = len(MATERIALS) * len(ANGLES)
+
+
+@pytest.fixture(params=MATERIALS, scope="module")
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    model = MATERIALS[request.param]()
+    assert len(model.sampling_data().index) > 0
+    return model_folder(tmp_path_factory.mktemp("model") / "run", model)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", ANGLES)
+def test_mitsuba_accepts_the_mixture(degrees: float, run: Path, mi: Any) -> None:
+    from mitsuba.chi2 import BSDFAdapter, ChiSquareTest, SphericalDomain
+
+    wi = unit_vector(degrees, 0.3).tolist()
+    plugin = {"type": "spmm", "filename": str(run)}
+    functors = BSDFAdapter("spmm", plugin, wi=wi, uv=[0.3, 0.6])
+    judge = ChiSquareTest(SphericalDomain(), *functors, 3, sample_count=200_000, res=101, ires=8)
+    assert judge.run(SIGNIFICANCE, TESTS, quiet=True), judge.messages
