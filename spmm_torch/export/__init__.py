@@ -45,6 +45,7 @@ TARGETS: dict[str, Target] = {
             "",
             (RELIEF,),
         ),
+        Target(
             "mitsuba",
             "scene, loader and model, which Mitsuba 3 renders as they are",
             "",
