@@ -5,7 +5,7 @@ logarithm [SRRW21]: (g(y) - g(s))^2 ~ g'(y)^2 (y - s)^2 is a weighted squared er
 each value would give every texel a Gram matrix of its own. The weights are therefore separable: a
 pair has the weight g'^2 at its mean value over all texels and channels. This balances highlights
 against other pairs, but not bright texels against dark ones. Balanced errors are the sum of the
-relative squared errors of values and, with a weight, of their cube roots.
+relative squared errors of values and of their cube roots.
 
 References:
     [LKYU12] Joakim Low, Joel Kronander, Anders Ynnerman, Jonas Unger, BRDF Models for Accurate and
@@ -28,9 +28,6 @@ from ..glossy.objective import Objective
 
 # Minus the exponent of g'(y)^2: y^(1/3) has 2 (1 - 1/3), log(y) has 2.
 EXPONENTS = {"cube-root": 4.0 / 3.0, "log": 2.0}
-# Weight of relative squared errors of cube roots beside those of values, in balanced errors: enough
-# that a body is worth a lobe, too little to cost 0.2 dB of a texture's values.
-SEEN = 0.1
 # Fraction of the typical value that is added to all values: darker ones count as black.
 DARK = 0.1
 
@@ -64,7 +61,7 @@ def _balanced(size: Tensor, dark: Tensor, measured: Tensor) -> Tensor:
     """
     bright = size + dark
     seen = bright ** -EXPONENTS["cube-root"] / (9.0 * bright[measured].pow(2.0 / 3.0).sum())
-    return 1.0 / size[measured].square().sum() + SEEN * seen
+    return 1.0 / size[measured].square().sum() + seen
 
 
 def mean_values(btf: BTF, device: torch.device, ranks: Ranks = ALONE) -> Tensor:

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from spmm_torch.fit.glossy.objective import Objective
-from spmm_torch.fit.weighting.compressive import DARK, SEEN, compressive_weights
+from spmm_torch.fit.weighting.compressive import DARK, compressive_weights
 from spmm_torch.geometry.directions import ring_directions
 from tests.planted.btfs import texel_btf
 
@@ -31,7 +31,7 @@ def test_weighted_errors_are_those_of_compressed_values(error: str) -> None:
     def wanted(near: torch.Tensor) -> float:
         # What is dark counts as a little brighter, for the compressed part alone.
         seen = relative(*((part + dark) ** (1.0 / 3.0) for part in (values, near)))
-        return seen if error == "cube-root" else relative(values, near) + SEEN * seen
+        return seen if error == "cube-root" else relative(values, near) + seen
 
     def found(near: torch.Tensor) -> float:
         return float((weight[:, None] * (near - values).square()).sum())
