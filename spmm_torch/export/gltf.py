@@ -88,6 +88,8 @@ def material_of(
         textures = {key: number for key, value in extension.items() if value is None}
         extensions[f"KHR_materials_{layer}"] = extension | textures
         read |= more
+    if "clearcoat" in fitted.layers:
+        extensions["KHR_materials_clearcoat"]["clearcoatNormalTexture"] = index["normal"]
     return material | ({"extensions": extensions} if extensions else {}), read
 
 
@@ -138,7 +140,7 @@ def _sheen(values: dict[str, Tensor], size: tuple[int, int]) -> Layer:
 
 
 def _clearcoat(values: dict[str, Tensor], size: tuple[int, int]) -> Layer:
-    """A coat, whose normal is that of the plane's in the file and the surface's in the fit."""
+    """A coat, whose normal is that of the surface; `material_of` adds it."""
     weight, rough = Plane.linear(values["clearcoat"]), Plane.linear(values["clearcoat_roughness"])
     extension = {
         "clearcoatFactor": 1.0,

@@ -46,6 +46,8 @@ def write(place: Path, model: SPMM, settings: NoSettings, progress: Progress) ->
         height = field.height.detach().cpu().numpy().astype(np.float32)
         (place / HEIGHT_FILE).write_bytes(openexr.encode(np.stack([height] * 3, axis=-1)))
         document.give(HEIGHT, "float", document.add_picture("height_picture", HEIGHT_FILE, "float"))
+    if "coat_weight" in read:
+        document.give("geometry_coat_normal", "vector3", "normal_world")
     finish(document, MATERIAL)
     (place / MATERIAL_FILE).write_text(document.text(), encoding="utf-8")
     seen = Textured(surface, read, *size, rule=model.rule, field=field, gain=look.gain)
@@ -94,11 +96,12 @@ def add_texture(document: Document, name: str, channels: int, factor: float) -> 
     if name in COLOURS:
         document.give(name, "color3", document.add_picture(node, file, "color3", CURVED_SPACE))
     elif channels == 1:
-        found = Input.node("float", document.add_picture(node, file, "float"))
-        times = Input.value("float", factor)
-        document.give(
-            name, "float", document.add(f"{name}_value", "multiply", "float", in1=found, in2=times)
-        )
+        found = document.add_picture(node, file, "float")
+        if factor != 1.0:
+            inputs = Input.node("float", found), Input.value("float", factor)
+            scaled = dict(zip(("in1", "in2"), inputs, strict=True))
+            found = document.add(f"{name}_scaled", "multiply", "float", **scaled)
+        document.give(name, "float", found)
     elif name == "normal":
         found = Input.node("vector3", document.add_picture(node, file, "vector3"))
         document.give(

@@ -133,8 +133,8 @@ def fit_surface(surface: Surface, look: Look, progress: Progress) -> Fitted:
         parameters = parameters_of(surface, layers)
         parts = []
         for part in slices(count, BLOCK):
-            start = typical | _first_colours(look.of(part))
-            parts.append(fit_parameters(surface, parameters, look.of(part), start))
+            start = typical | first_colours(look.of(part))
+            parts.append(fit_parameters(surface, parameters, look.of(part), start, STEPS))
             stage(len(parts[-1][1]))
     names = [each.name for each in parameters]
     values = {name: torch.cat([each[0][name] for each in parts]) for name in names}
@@ -149,18 +149,18 @@ def parameters_of(surface: Surface, layers: tuple[str, ...]) -> tuple[Parameter,
 def _layers_that_pay(surface: Surface, pilot: Look) -> tuple[tuple[str, ...], dict[str, Tensor]]:
     """Layers that take a share of the error away, and the medians `[1, n]` of all parameters."""
     chosen: tuple[str, ...] = ()
-    start = start_of(surface.core, len(pilot.value), pilot.value) | _first_colours(pilot)
-    values, error = fit_parameters(surface, surface.core, pilot, start)
+    start = start_of(surface.core, len(pilot.value), pilot.value) | first_colours(pilot)
+    values, error = fit_parameters(surface, surface.core, pilot, start, STEPS)
     for layer, added in surface.layers.items():
         start = values | start_of(added, len(pilot.value), pilot.value)
         parameters = parameters_of(surface, (*chosen, layer))
-        tried, less = fit_parameters(surface, parameters, pilot, start)
+        tried, less = fit_parameters(surface, parameters, pilot, start, STEPS)
         if float(less.mean()) < (1.0 - PAYS) * float(error.mean()):
             chosen, values, error = (*chosen, layer), tried, less
     return chosen, {name: each.median(0, keepdim=True).values for name, each in values.items()}
 
 
-def _first_colours(look: Look) -> dict[str, Tensor]:
+def first_colours(look: Look) -> dict[str, Tensor]:
     """Diffuse colours `[T, 3]` to start from: what is seen where no highlight is."""
     albedo = torch.pi * look.value / look.wi[2, :, None].clamp(min=0.1)
     return {"base_color": albedo.median(1).values.clamp(0.001, 0.9)}
@@ -171,7 +171,7 @@ def fit_parameters(
     parameters: tuple[Parameter, ...],
     look: Look,
     start: Mapping[str, Tensor],
-    steps: int = STEPS,
+    steps: int,
 ) -> tuple[dict[str, Tensor], Tensor]:
     """The best parameters of texels, and their errors.
 
