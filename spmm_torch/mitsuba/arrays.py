@@ -6,7 +6,7 @@ variant, arrays are plain ones of Dr.Jit and a read gives numbers of Python.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -72,6 +72,15 @@ def row(source: Any, index: Any, count: int) -> list[Any]:
         return [source[count * index + n] for n in range(count)]
     kind = dr.replace_type_t(mi.ArrayXf, dr.type_v(source))
     return list(dr.gather(kind, source, index, shape=(count, dr.width(index))))
+
+
+def columns(source: Any, index: Any, count: int, chosen: Iterable[int]) -> dict[int, Any]:
+    """Some numbers, by column, of row `index` of a table of `count` numbers a row.
+
+    One by one: rays of one pixel read the same rows, which packets would only turn over.
+    """
+    first = count * index
+    return {column: one(source, first + column) for column in chosen}
 
 
 def one(source: Any, index: Any) -> Any:
