@@ -100,6 +100,19 @@ def loop(state: tuple[Any, ...], while_: Callable[..., Any], body: Callable[...,
     return dr.while_loop(state, while_, body, mode=mode, max_iterations=-1)
 
 
+def branch(condition: Any, function: Callable[..., Any], otherwise: Any, *given: Any) -> Any:
+    """function(*given) where a condition holds, else another value."""
+
+    def taken(otherwise: Any, *given: Any) -> tuple[Any, ...]:
+        return function(*given), *given
+
+    def passed(otherwise: Any, *given: Any) -> tuple[Any, ...]:
+        return otherwise, *given
+
+    mode = "symbolic" if is_jit() else "scalar"
+    return dr.if_stmt((otherwise, *given), condition, taken, passed, mode=mode)[0]
+
+
 def _flat(values: Tensor | np.ndarray, kind: type) -> np.ndarray:
     if isinstance(values, torch.Tensor):
         values = values.detach().cpu().numpy()

@@ -119,16 +119,22 @@ class _Query:
     """
 
     def __init__(self, bsdf: Any, ctx: Any, si: Any, active: Any) -> None:
-        self.reflector, self.uv = bsdf.reflector, bsdf.placement.uv(si)
-        self.frame = bsdf.placement.frame(si)
+        self.reflector = bsdf.reflector
         self.from_light = ctx.mode == mi.TransportMode.Importance
-        self.wo = self.frame.local(si.wi)
-        self.active = active & (si.wi.z > 0.0) & ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0)
+        uv, self.frame = bsdf.placement.uv(si), bsdf.placement.frame(si)
+        wo = self.frame.local(si.wi)
+        # A broken normal or uv must not lead reads beyond a table.
+        valid = dr.isfinite(uv.x + uv.y + dr.dot(wo, wo))
+        self.uv = dr.select(valid, uv, mi.Point2f(0.0))
+        self.wo = dr.select(valid, wo, mi.Vector3f(0.0, 0.0, 1.0))
+        enabled = ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0)
+        self.active = active & valid & (si.wi.z > 0.0) & enabled
         self.place = self.reflector.place(self.uv, self.wo)
         self._shares: Any = None
 
     def values(self, lights: Sequence[Any]) -> list[Any]:
         """RGB for each wi."""
+        lights = [_valid(wi) for wi in lights]
         if self.from_light:
             found = [self._turned(wi) for wi in lights]
         else:
@@ -137,7 +143,7 @@ class _Query:
 
     def densities(self, lights: Sequence[Any]) -> list[Any]:
         """Density of `drawn` at each wi."""
-        lights = [dr.detach(wi) for wi in lights]
+        lights = [_valid(dr.detach(wi)) for wi in lights]
         found = self.reflector.densities(self.place, self._chances(), lights, dr.detach(self.wo))
         return self._where_lit(lights, found, mi.Float(0.0))
 
@@ -174,3 +180,8 @@ class _Query:
         """What was found for each wi over the horizon, else zero."""
         pairs = zip(lights, found, strict=True)
         return [dr.select(self.active & (wi.z > 0.0), value, zero) for wi, value in pairs]
+
+
+def _valid(w: Any) -> Any:
+    """A direction, or the one straight down where its numbers are none."""
+    return dr.select(dr.isfinite(dr.dot(w, w)), w, mi.Vector3f(0.0, 0.0, -1.0))
