@@ -14,7 +14,9 @@ SCENE_FILE, LOADER = "scene.xml", "render.py"
 # Copies of the texture around the sphere: squares of texels, about as large as on the spheres of
 # `spmm evaluate`.
 TEXELS_AROUND = 512
-UNMEASURED = "how Mitsuba evaluates it: Mitsuba is missing or finds no LLVM, so the file was read back"
+UNMEASURED = (
+    "how Mitsuba evaluates it: Mitsuba is missing or finds no LLVM, so the file was read back"
+)
 
 SCENE = """\
 <!-- {name}: a model of spmm_torch on a sphere. Render it by python render.py. -->

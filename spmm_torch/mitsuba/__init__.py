@@ -6,6 +6,7 @@ compiled with the scene, and gradients of pictures flow to the parameters of the
 
 from __future__ import annotations
 
+from .gradients import enable_gradients
 from .registration import register
 
-__all__ = ["register"]
+__all__ = ["enable_gradients", "register"]

@@ -6,7 +6,7 @@ variant, arrays are plain ones of Dr.Jit and a read gives numbers of Python.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -74,6 +74,15 @@ def row(source: Any, index: Any, count: int) -> list[Any]:
     return list(dr.gather(kind, source, index, shape=(count, dr.width(index))))
 
 
+def columns(source: Any, index: Any, count: int, chosen: Iterable[int]) -> dict[int, Any]:
+    """Some numbers, by column, of row `index` of a table of `count` numbers a row.
+
+    One by one: rays of one pixel read the same rows, which packets would only turn over.
+    """
+    first = count * index
+    return {column: one(source, first + column) for column in chosen}
+
+
 def one(source: Any, index: Any) -> Any:
     """The number at a place of a flat array."""
     if not is_jit():
@@ -89,6 +98,19 @@ def loop(state: tuple[Any, ...], while_: Callable[..., Any], body: Callable[...,
     """
     mode = "symbolic" if is_jit() else "scalar"
     return dr.while_loop(state, while_, body, mode=mode, max_iterations=-1)
+
+
+def branch(condition: Any, function: Callable[..., Any], otherwise: Any, *given: Any) -> Any:
+    """function(*given) where a condition holds, else another value."""
+
+    def taken(otherwise: Any, *given: Any) -> tuple[Any, ...]:
+        return function(*given), *given
+
+    def passed(otherwise: Any, *given: Any) -> tuple[Any, ...]:
+        return otherwise, *given
+
+    mode = "symbolic" if is_jit() else "scalar"
+    return dr.if_stmt((otherwise, *given), condition, taken, passed, mode=mode)[0]
 
 
 def _flat(values: Tensor | np.ndarray, kind: type) -> np.ndarray:

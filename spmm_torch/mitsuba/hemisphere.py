@@ -116,12 +116,23 @@ class Pairs:
     PARTS: ClassVar = 12
 
     @classmethod
-    def around(cls, light: Mesh, view: Mesh, fade: Any, wi: Any, wo: Any) -> Pairs:
-        """The pairs view * L + light around wi and wo, with weights times `fade`."""
-        lights, light_weights = light.around(wi)
+    def around(
+        cls, light: Mesh, view: Mesh, lights: Sequence[tuple[Any, Any]], wo: Any
+    ) -> list[Pairs]:
+        """The pairs view * L + light around wo and each wi, with weights times a factor.
+
+        Args:
+            light, view: meshes of the measured directions.
+            lights: (wi, factor) of each query.
+            wo: the view of all of them.
+        """
         views, view_weights = view.around(wo)
         first = [n * light.count for n in views]
-        return cls(first, lights, view_weights, [n * fade for n in light_weights])
+        found = []
+        for wi, factor in lights:
+            near, weights = light.around(wi)
+            found.append(cls(first, near, view_weights, [n * factor for n in weights]))
+        return found
 
     @classmethod
     def of_parts(cls, parts: Sequence[Any]) -> Pairs:

@@ -14,14 +14,17 @@ from ..model.spmm import SPMM
 from . import mixture, tables
 from .arrays import index_array, tensor
 from .hemisphere import Mesh, Pairs
-from .libraries import dr, mi
+from .libraries import dr
 from .mixture import Lobes
 from .ray_walk import Walk
-from .residual import Clusters, RankResidual, epsilon
+from .residual import Clusters, RankResidual, epsilons
 from .texels import block_at, block_corners
 
 # Parameters that the sampler follows through the model in torch.
 OF_LOBES = ("weight", "kappa", "normal", "angle")
+
+# A block of 2 x 2 texels, and their bilinear weights.
+Place = tuple[Any, list[Any]]
 
 
 class Material:
@@ -90,33 +93,37 @@ class Material:
                 )
         return model
 
-    def place(self, uv: Any, wo: Any) -> tuple[Any, list[Any]]:
+    def place(self, uv: Any, wo: Any) -> Place:
         """(block, bilinear weights) that the view wo shows at uv of the plane; v runs up."""
         if self._walk is not None:
             uv = self._walk.hit(uv, wo)
         return block_at(uv, self.model.height, self.model.width, self.model.rule)
 
-    def value(self, place: tuple[Any, list[Any]], wi: Any, wo: Any) -> Any:
-        """Cosine-weighted RGB [WDR11 Eq. 2] at a place; 0 under the horizon."""
-        total = mixture.value(self._lobes, self._entries, *place, wi, wo)
-        if self._residuals:
-            fade = dr.select(wo.z > 0.0, dr.clip(wi.z / self._lowest, 0.0, 1.0), 0.0)
-            pairs = Pairs.around(self._light, self._view, fade, wi, wo)
-            total += epsilon(self._residuals, *place, pairs)
-        return total
+    def values(self, place: Place, lights: Sequence[Any], wo: Any) -> list[Any]:
+        """Cosine-weighted RGB [WDR11 Eq. 2] at a place for each wi; 0 under the horizon."""
+        total = mixture.values(self._lobes, self._entries, *place, lights, wo)
+        if not self._residuals:
+            return total
+        faded = [
+            (wi, dr.select(wo.z > 0.0, dr.clip(wi.z / self._lowest, 0.0, 1.0), 0.0))
+            for wi in lights
+        ]
+        pairs = Pairs.around(self._light, self._view, faded, wo)
+        rest = epsilons(self._residuals, *place, pairs)
+        return [colour + part for colour, part in zip(total, rest, strict=True)]
 
-    def shares(self, place: tuple[Any, list[Any]], wo: Any) -> mixture.Shares:
+    def shares(self, place: Place, wo: Any) -> mixture.Shares:
         """The probabilities with which lobes are sampled at a place."""
         block, weights = place
         return mixture.shares(self._sampled, self._specular, self._group, block, weights, wo)
 
-    def density(self, place: tuple[Any, list[Any]], chances: mixture.Shares, wi: Any, wo: Any) -> Any:
-        """Density of `sample` at wi, in 1/sr."""
-        return mixture.density(self._sampled, self._specular, place[0], chances, wi, wo)
+    def densities(
+        self, place: Place, chances: mixture.Shares, lights: Sequence[Any], wo: Any
+    ) -> list[Any]:
+        """Density of `sample` at each wi, in 1/sr."""
+        return mixture.densities(self._sampled, self._specular, place[0], chances, lights, wo)
 
-    def sample(
-        self, place: tuple[Any, list[Any]], chances: mixture.Shares, wo: Any, u: Sequence[Any]
-    ) -> Any:
+    def sample(self, place: Place, chances: mixture.Shares, wo: Any, u: Sequence[Any]) -> Any:
         """wi in the upper hemisphere of three numbers u in [0, 1)."""
         return mixture.sample(self._sampled, self._specular, place[0], chances, wo, u)
 

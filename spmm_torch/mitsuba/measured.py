@@ -51,7 +51,7 @@ class Measured:
         self.lowest = lowest_cosine(btf.light)
         self.channels = btf.channels
         self.corners = index_array(block_corners(btf.height, btf.width, REPEAT))
-        self.values = _values(btf)
+        self.numbers = _values(btf)
         self.measured = None if btf.measured is None else float_array(btf.measured.float())
 
     def update(self, names: Sequence[str] = ()) -> None:
@@ -61,18 +61,22 @@ class Measured:
         """(block of texels, bilinear weights) at uv, v up."""
         return block_at(uv, self.rows, self.columns, REPEAT)
 
-    def value(self, place: tuple[Any, list[Any]], wi: Any, wo: Any) -> Any:
-        """Cosine-weighted RGB; 0 under the horizon."""
-        block, weights = place
+    def values(self, place: tuple[Any, list[Any]], lights: Sequence[Any], wo: Any) -> list[Any]:
+        """Cosine-weighted RGB for each wi; 0 under the horizon."""
+        return [self._value(*place, wi, wo) for wi in lights]
+
+    def _value(self, block: Any, weights: Sequence[Any], wi: Any, wo: Any) -> Any:
+        """RGB of a block whose texels have bilinear weights."""
         lit = (wi.z > 0.0) & (wo.z > 0.0)
         fade = dr.select(lit, dr.minimum(wi.z / self.lowest, 1.0), 0.0)
-        pairs = Pairs.around(self.light, self.view, fade * self._missing_share(wi, wo), wi, wo)
+        (pairs,) = Pairs.around(self.light, self.view, [(wi, fade)], wo)
+        share = self._missing_share(pairs)
 
         def add(n: Any, red: Any, green: Any, blue: Any) -> tuple[Any, ...]:
             corner = n // Pairs.COUNT
             pair, weight = pairs.of(n - Pairs.COUNT * corner)
             texel = one(self.corners, 4 * block + corner)
-            weight *= _chosen(corner, weights)
+            weight *= share * _chosen(corner, weights)
             if self.measured is not None:
                 weight *= one(self.measured, pair)
             values = self._pixel(texel * self.pairs + pair)
@@ -89,22 +93,22 @@ class Measured:
         """wi by the cosine, of the last two of three numbers."""
         return square_to_cosine_hemisphere(u[1:])
 
-    def density(self, place: Any, chances: Any, wi: Any, wo: Any) -> Any:
-        """Density of `sample`."""
-        return cosine_pdf(wi)
+    def densities(self, place: Any, chances: Any, lights: Sequence[Any], wo: Any) -> list[Any]:
+        """Density of `sample` at each wi."""
+        return [cosine_pdf(wi) for wi in lights]
 
-    def _missing_share(self, wi: Any, wo: Any) -> Any:
-        """What measured pairs count, where they stand in for missing neighbours."""
+    def _missing_share(self, pairs: Pairs) -> Any:
+        """What measured pairs count more, where they stand in for missing neighbours."""
         if self.measured is None:
             return 1.0
-        pairs = Pairs.around(self.light, self.view, 1.0, wi, wo)
         each = [pairs.of(mi.UInt32(n)) for n in range(Pairs.COUNT)]
+        whole = sum(weight for _, weight in each)
         kept = sum(weight * one(self.measured, pair) for pair, weight in each)
-        return 1.0 / dr.maximum(kept, SMALLEST)
+        return whole / dr.maximum(kept, SMALLEST)
 
     def _pixel(self, index: Any) -> list[Any]:
         """Red, green and blue of a (texel, pair)."""
-        values = row(self.values, index, self.channels)
+        values = row(self.numbers, index, self.channels)
         return [mi.Float(values[min(c, self.channels - 1)]) for c in range(3)]
 
 
@@ -124,8 +128,8 @@ def _check(btf: BTF) -> None:
     values = btf.texel_count * btf.pair_count * btf.channels
     if values > MOST_VALUES:
         raise DataError(
-            f"{btf.name} has {values:,} values; expected at most {MOST_VALUES:,}, which 32 bits can "
-            f"index; take a part of it with spmm convert --crop."
+            f"{btf.name} has {values:,} values; expected at most {MOST_VALUES:,}, which 32 bits "
+            f"can index; fit it, or crop it with spmm crop."
         )
 
 

@@ -7,14 +7,15 @@ meets [WDR11 Eq. 2, 3, 8, 9].
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ..brdf import MAX_PARAMETERS
 from ..lobes.sampling import LOWEST_Z
 from ..model.sampling import CODE_MAX
-from .arrays import loop, one, row
-from .brdf import TWINS, Twin
+from .arrays import branch, columns, loop, one, row
+from .brdf import Twin
 from .brdf.base import COS_EPS
 from .brdf.warp import cosine_pdf, square_to_cosine_hemisphere
 from .libraries import dr, mi
@@ -22,6 +23,13 @@ from .libraries import dr, mi
 # Numbers of a lobe: its frame, up to six parameters, and which of the models in use it has.
 LOBE = 16
 KAPPA, MODEL = 9, 15
+# Those that evaluation needs, and those of the normal.
+NUMBERS = (*range(KAPPA + MAX_PARAMETERS), MODEL)
+NORMAL = (6, 7, 8)
+
+
+# Numbers of one lobe by their column.
+Numbers = Mapping[int, Any]
 
 
 @dataclass(frozen=True)
@@ -62,37 +70,61 @@ class Entries:
         return one(self.start, block), one(self.start, block + 1)
 
 
-def value(lobes: Lobes, entries: Entries, block: Any, weights: Sequence[Any], wi: Any, wo: Any) -> Any:
-    """The sum over lobes in Eq. 2 [WDR11], RGB, of a block whose texels have bilinear weights."""
+def values(
+    lobes: Lobes,
+    entries: Entries,
+    block: Any,
+    weights: Sequence[Any],
+    lights: Sequence[Any],
+    wo: Any,
+) -> list[Any]:
+    """The sum over lobes in Eq. 2 [WDR11], RGB, of a block whose texels have bilinear weights.
+
+    Args:
+        lobes, entries: of the model.
+        block, weights: the place.
+        lights: one or more wi, which share what is read.
+        wo: view.
+    """
     if not entries.count:
-        return mi.Color3f(0.0)
+        return [mi.Color3f(0.0) for _ in lights]
     entry, end = entries.of(block)
+    sums = 3 * len(lights)
 
-    def add(entry: Any, red: Any, green: Any, blue: Any, *given: Any) -> tuple[Any, ...]:
-        wi, wo, weights = given[0], given[1], given[2:]
-        rho = _rho(lobes, row(lobes.table, one(entries.lobe, entry), LOBE), wi, wo)
-        parts = [_mixed(row(entries.numbers, 3 * entry + c, 4), weights) for c in range(3)]
-        sums = (s + rho * p for s, p in zip((red, green, blue), parts, strict=True))
-        return entry + 1, *sums, *given
+    def add(entry: Any, *state: Any) -> tuple[Any, ...]:
+        total, given = state[:sums], state[sums:]
+        wo, lights, weights = given[0], given[1:-4], given[-4:]
+        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NUMBERS)
+        texels = columns(entries.numbers, entry, 12, range(12))
+        mixed = [_mixed([texels[4 * c + k] for k in range(4)], weights) for c in range(3)]
+        local_wo = _local(numbers, wo)
+        rho = [_rho(lobes, numbers, wi, local_wo) for wi in lights]
+        parts = (r * m for r in rho for m in mixed)
+        return entry + 1, *(t + p for t, p in zip(total, parts, strict=True)), *given
 
-    lit = (wi.z > 0.0) & (wo.z > 0.0)
-    start = (dr.select(lit, entry, end), mi.Float(0.0), mi.Float(0.0), mi.Float(0.0))
-    state = loop((*start, wi, wo, *weights), lambda entry, *_: entry < end, add)
-    return mi.Color3f(*state[1:4])
+    lit = (wo.z > 0.0) & _any([wi.z > 0.0 for wi in lights])
+    zeros = (mi.Float(0.0) for _ in range(sums))
+    start = (dr.select(lit, entry, end), *zeros, wo, *lights, *weights)
+    state = loop(start, lambda entry, *_: entry < end, add)[1 : 1 + sums]
+    colours = (mi.Color3f(*state[3 * n : 3 * n + 3]) for n in range(len(lights)))
+    return [
+        dr.select((wi.z > 0.0) & (wo.z > 0.0), colour, 0.0)
+        for wi, colour in zip(lights, colours, strict=True)
+    ]
 
 
-def _rho(lobes: Lobes, numbers: Sequence[Any], wi: Any, wo: Any) -> Any:
+def _rho(lobes: Lobes, numbers: Numbers, wi: Any, local_wo: Any) -> Any:
     """rho_j of a lobe [WDR11 Eq. 3], of wi and wo above the horizon of the texel."""
-    local_wi, local_wo = _local(numbers, wi), _local(numbers, wo)
+    local_wi = _local(numbers, wi)
     lit = (local_wi.z > 0.0) & (local_wo.z > 0.0)
     f = _dispatched(lobes, "eval", numbers, local_wi, local_wo)
     cosine = local_wi.z
     if lobes.lowest > 0.0:
         excess = dr.maximum(cosine - numbers[8] * wi.z, 0.0)
-        cosine -= (1.0 - dr.minimum(wi.z / lobes.lowest, 1.0)) * excess
+        cosine = cosine - (1.0 - dr.minimum(wi.z / lobes.lowest, 1.0)) * excess
     if lobes.horizon > 0.0:
         t = dr.clip(local_wo.z / math.sin(lobes.horizon), 0.0, 1.0)
-        cosine *= t * t * (3.0 - 2.0 * t)
+        cosine = cosine * (t * t * (3.0 - 2.0 * t))
     return dr.select(lit, f * cosine, 0.0)
 
 
@@ -126,7 +158,7 @@ def shares(
     first, end = entries.of(block)
 
     def add(entry: Any, *totals: Any) -> tuple[Any, ...]:
-        numbers = row(lobes.table, one(entries.lobe, entry), LOBE)
+        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NORMAL)
         codes = row(entries.numbers, entry, 4)
         seen = _sees(numbers, wo)
         return entry + 1, *(t + dr.select(seen, c, 0.0) for t, c in zip(totals, codes, strict=True))
@@ -141,21 +173,29 @@ def shares(
     return Shares(corner, 1.0 - (masses[0] + masses[1] + masses[2] + masses[3]))
 
 
-def density(lobes: Lobes, entries: Entries, block: Any, chances: Shares, wi: Any, wo: Any) -> Any:
-    """Density of `sample` at wi, in 1/sr; 0 under the horizon of the texel."""
+def densities(
+    lobes: Lobes, entries: Entries, block: Any, chances: Shares, lights: Sequence[Any], wo: Any
+) -> list[Any]:
+    """Density of `sample` at each wi of `lights`, in 1/sr; 0 under the horizon of the texel."""
     if not entries.count:
-        return cosine_pdf(wi)
+        return [cosine_pdf(wi) for wi in lights]
     first, end = entries.of(block)
 
-    def add(entry: Any, total: Any) -> tuple[Any, Any]:
-        numbers = row(lobes.table, one(entries.lobe, entry), LOBE)
+    def add(entry: Any, *total: Any) -> tuple[Any, ...]:
+        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NUMBERS)
         mass = _mixed(row(entries.numbers, entry, 4), chances.corner)
         mass = dr.select(_sees(numbers, wo), mass, 0.0)
-        return entry + 1, total + mass * _lobe_density(lobes, numbers, wi, wo)
+        view = _raised(_local(numbers, wo))
+        found = (_lobe_density(lobes, numbers, wi, view) for wi in lights)
+        return entry + 1, *(t + mass * f for t, f in zip(total, found, strict=True))
 
-    start = (dr.select(wi.z > 0.0, first, end), mi.Float(0.0))
-    total = loop(start, lambda entry, total: entry < end, add)[1]
-    return total + chances.cosine * cosine_pdf(wi)
+    lit = _any([wi.z > 0.0 for wi in lights])
+    start = (dr.select(lit, first, end), *(mi.Float(0.0) for _ in lights))
+    totals = loop(start, lambda entry, *_: entry < end, add)[1:]
+    return [
+        dr.select(wi.z > 0.0, total + chances.cosine * cosine_pdf(wi), 0.0)
+        for wi, total in zip(lights, totals, strict=True)
+    ]
 
 
 def sample(
@@ -168,7 +208,7 @@ def sample(
     first, end = entries.of(block)
 
     def passed(entry: Any, left: Any, mass: Any, found: Any) -> tuple[Any, ...]:
-        numbers = row(lobes.table, one(entries.lobe, entry), LOBE)
+        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NORMAL)
         mass = _mixed(row(entries.numbers, entry, 4), chances.corner)
         mass = dr.select(_sees(numbers, wo), mass, 0.0)
         found = left < mass
@@ -178,36 +218,43 @@ def sample(
     go_on = lambda entry, left, mass, found: (found ^ True) & (entry < end)  # noqa: E731
     entry, left, mass, found = loop(start, go_on, passed)
     share = dr.minimum(left / mass, 1.0 - 2.0**-24)
-    numbers = row(lobes.table, one(entries.lobe, dr.select(found, entry, 0)), LOBE)
+    chosen = one(entries.lobe, dr.select(found, entry, 0))
+    numbers = columns(lobes.table, chosen, LOBE, NUMBERS)
     drawn = _lobe_sample(lobes, numbers, wo, (share, *u[1:]))
     return dr.select(found, drawn, wi)
 
 
-def _lobe_sample(lobes: Lobes, numbers: Sequence[Any], wo: Any, u: Sequence[Any]) -> Any:
+def _lobe_sample(lobes: Lobes, numbers: Numbers, wo: Any, u: Sequence[Any]) -> Any:
     """wi drawn from a lobe; under the horizon of the texel it is mirrored upward."""
     local = _dispatched(lobes, "sample", numbers, _raised(_local(numbers, wo)), tuple(u))
     wi = mi.Vector3f(*(sum(local[k] * numbers[3 * k + c] for k in range(3)) for c in range(3)))
     return mi.Vector3f(wi.x, wi.y, dr.maximum(dr.abs(wi.z), LOWEST_Z))
 
 
-def _lobe_density(lobes: Lobes, numbers: Sequence[Any], wi: Any, wo: Any) -> Any:
-    """Density of `_lobe_sample` at wi above the horizon of the texel."""
-    view = _raised(_local(numbers, wo))
+def _lobe_density(lobes: Lobes, numbers: Numbers, wi: Any, view: Any) -> Any:
+    """Density of `_lobe_sample` at wi above the horizon of the texel, of a raised view."""
     upper = _dispatched(lobes, "pdf", numbers, _local(numbers, wi), view)
     mirrored = _local(numbers, mi.Vector3f(wi.x, wi.y, -wi.z))
     return upper + _dispatched(lobes, "pdf", numbers, mirrored, view)
 
 
-def _dispatched(lobes: Lobes, function: str, numbers: Sequence[Any], *given: Any) -> Any:
-    """A function of the BRDF that a lobe has."""
-    kappa = tuple(numbers[KAPPA : KAPPA + 3])
+def _dispatched(lobes: Lobes, function: str, numbers: Numbers, *given: Any) -> Any:
+    """A function of the BRDF that a lobe has.
+
+    Branches, of which rays of one lobe take one, are faster than calls by `drjit.switch`.
+    """
+    kappa = tuple(numbers[KAPPA + n] for n in range(MAX_PARAMETERS))
     functions = [getattr(twin, function) for twin in lobes.twins]
     if len(functions) == 1:
         return functions[0](kappa, *given)
-    return dr.switch(mi.UInt32(numbers[MODEL]), functions, kappa, *given)
+    found = mi.Vector3f(0.0) if function == "sample" else mi.Float(0.0)
+    model = mi.UInt32(numbers[MODEL])
+    for number, chosen in enumerate(functions):
+        found = branch(model == number, chosen, found, kappa, *given)
+    return found
 
 
-def _local(numbers: Sequence[Any], w: Any) -> Any:
+def _local(numbers: Numbers, w: Any) -> Any:
     """A direction in the frame of a lobe."""
     return mi.Vector3f(
         *(numbers[k] * w.x + numbers[k + 1] * w.y + numbers[k + 2] * w.z for k in (0, 3, 6))
@@ -219,7 +266,7 @@ def _raised(w: Any) -> Any:
     return dr.normalize(mi.Vector3f(w.x, w.y, dr.maximum(dr.abs(w.z), COS_EPS)))
 
 
-def _sees(numbers: Sequence[Any], wo: Any) -> Any:
+def _sees(numbers: Numbers, wo: Any) -> Any:
     """Whether wo is above the horizons of a lobe and of the texel."""
     return (numbers[6] * wo.x + numbers[7] * wo.y + numbers[8] * wo.z > 0.0) & (wo.z > 0.0)
 
@@ -227,3 +274,11 @@ def _sees(numbers: Sequence[Any], wo: Any) -> Any:
 def _mixed(numbers: Sequence[Any], weights: Sequence[Any]) -> Any:
     """The sum of four numbers with four weights."""
     return sum(n * w for n, w in zip(numbers, weights, strict=True))
+
+
+def _any(masks: Sequence[Any]) -> Any:
+    """Whether one of some conditions holds."""
+    found = masks[0]
+    for mask in masks[1:]:
+        found = found | mask
+    return found

@@ -75,7 +75,9 @@ class Frame:
 
     def local(self, w: Any) -> Any:
         """A direction of the shading frame in that of the texture."""
-        return mi.Vector3f(self.x * w.x + self.y * w.y, self.side * (self.x * w.y - self.y * w.x), w.z)
+        return mi.Vector3f(
+            self.x * w.x + self.y * w.y, self.side * (self.x * w.y - self.y * w.x), w.z
+        )
 
     def shading(self, w: Any) -> Any:
         """The inverse of `local`."""

@@ -28,20 +28,20 @@ class Reflector(Protocol):
         """What the view shows at uv of the texture, v up."""
         ...
 
-    def value(self, place: Any, wi: Any, wo: Any) -> Any:
-        """Cosine-weighted RGB; 0 where wi or wo is under the horizon."""
+    def values(self, place: Any, lights: Sequence[Any], wo: Any) -> list[Any]:
+        """Cosine-weighted RGB for each wi; 0 where wi or wo is under the horizon."""
         ...
 
     def shares(self, place: Any, wo: Any) -> Any:
-        """What `sample` and `density` need of a view."""
+        """What `sample` and `densities` need of a view."""
         ...
 
     def sample(self, place: Any, chances: Any, wo: Any, u: Sequence[Any]) -> Any:
         """wi over the horizon of three numbers in [0, 1)."""
         ...
 
-    def density(self, place: Any, chances: Any, wi: Any, wo: Any) -> Any:
-        """Density of `sample` at wi, in 1/sr."""
+    def densities(self, place: Any, chances: Any, lights: Sequence[Any], wo: Any) -> list[Any]:
+        """Density of `sample` at each wi, in 1/sr."""
         ...
 
 
@@ -72,25 +72,32 @@ def bsdf_class(name: str, load: Callable[[Any], Reflector]) -> type[Any]:
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            return query.value(wo)
+            return query.values([query.frame.local(wo)])[0]
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            return query.density(wo)
+            return query.densities([query.frame.local(wo)])[0]
 
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            return query.value(wo), query.density(wo)
+            wi = [query.frame.local(wo)]
+            return query.values(wi)[0], query.densities(wi)[0]
 
         def sample(self, ctx: Any, si: Any, first: Any, others: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            return query.sample(first, others)
+            drawn = [query.drawn(first, others)]
+            return query.sample(drawn[0], query.values(drawn)[0], query.densities(drawn)[0])
 
         def eval_pdf_sample(
             self, ctx: Any, si: Any, wo: Any, first: Any, others: Any, active: Any = True
         ) -> Any:
             query = _Query(self, ctx, si, active)
-            return query.value(wo), query.density(wo), *query.sample(first, others)
+            both = [query.frame.local(wo), query.drawn(first, others)]
+            (value, of_drawn), (density, density_of_drawn) = (
+                query.values(both),
+                query.densities(both),
+            )
+            return value, density, *query.sample(both[1], of_drawn, density_of_drawn)
 
         def traverse(self, callback: Any) -> None:
             for key, value in self.reflector.parameters.items():
@@ -106,54 +113,75 @@ def bsdf_class(name: str, load: Callable[[Any], Reflector]) -> type[Any]:
 
 
 class _Query:
-    """A BSDF at one point and view; what its place and its sampler need is found once."""
+    """A BSDF at one point and view; what its place and its sampler need is found once.
+
+    Directions are those of the frame of the texture.
+    """
 
     def __init__(self, bsdf: Any, ctx: Any, si: Any, active: Any) -> None:
-        self.reflector, self.uv = bsdf.reflector, bsdf.placement.uv(si)
-        self.frame = bsdf.placement.frame(si)
-        self.backwards = ctx.mode != mi.TransportMode.Importance
-        self.wo = self.frame.local(si.wi)
-        self.active = active & (si.wi.z > 0.0) & ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0)
+        self.reflector = bsdf.reflector
+        self.from_light = ctx.mode == mi.TransportMode.Importance
+        uv, self.frame = bsdf.placement.uv(si), bsdf.placement.frame(si)
+        wo = self.frame.local(si.wi)
+        # A broken normal or uv must not lead reads beyond a table.
+        valid = dr.isfinite(uv.x + uv.y + dr.dot(wo, wo))
+        self.uv = dr.select(valid, uv, mi.Point2f(0.0))
+        self.wo = dr.select(valid, wo, mi.Vector3f(0.0, 0.0, 1.0))
+        enabled = ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0)
+        self.active = active & valid & (si.wi.z > 0.0) & enabled
         self.place = self.reflector.place(self.uv, self.wo)
         self._shares: Any = None
 
-    @property
-    def shares(self) -> Any:
-        """The probabilities of the sampler."""
-        if self._shares is None:
-            self._shares = self.reflector.shares(self.place, self.wo)
-        return self._shares
+    def values(self, lights: Sequence[Any]) -> list[Any]:
+        """RGB for each wi."""
+        lights = [_valid(wi) for wi in lights]
+        if self.from_light:
+            found = [self._turned(wi) for wi in lights]
+        else:
+            found = self.reflector.values(self.place, lights, self.wo)
+        return self._where_lit(lights, found, mi.Color3f(0.0))
 
-    def value(self, light: Any) -> Any:
-        """RGB at a direction of the shading frame."""
-        return self._value(self.frame.local(light), self.active & (light.z > 0.0))
+    def densities(self, lights: Sequence[Any]) -> list[Any]:
+        """Density of `drawn` at each wi."""
+        lights = [_valid(dr.detach(wi)) for wi in lights]
+        found = self.reflector.densities(self.place, self._chances(), lights, dr.detach(self.wo))
+        return self._where_lit(lights, found, mi.Float(0.0))
 
-    def density(self, light: Any) -> Any:
-        """Density of `sample` at a direction of the shading frame."""
-        wi = self.frame.local(light)
-        found = self.reflector.density(self.place, self.shares, wi, self.wo)
-        return dr.select(self.active & (light.z > 0.0), dr.detach(found), 0.0)
-
-    def sample(self, first: Any, others: Any) -> tuple[Any, Any]:
-        """A sample of Mitsuba, and its value over its density."""
+    def drawn(self, first: Any, others: Any) -> Any:
+        """wi of the numbers of Mitsuba."""
         u = (first, others.x, others.y)
-        wi = dr.detach(self.reflector.sample(self.place, self.shares, self.wo, u))
+        return dr.detach(self.reflector.sample(self.place, self._chances(), dr.detach(self.wo), u))
+
+    def sample(self, wi: Any, value: Any, density: Any) -> tuple[Any, Any]:
+        """The sample of Mitsuba of a wi drawn, and its value over its density."""
         found = mi.BSDFSample3f()
         found.wo = self.frame.shading(wi)
-        found.pdf = self.density(found.wo)
+        found.pdf = density
         found.eta = 1.0
         found.sampled_type = mi.UInt32(+mi.BSDFFlags.GlossyReflection)
         found.sampled_component = mi.UInt32(0)
-        active = self.active & (found.pdf > 0.0)
-        weight = self._value(wi, active) / dr.select(active, found.pdf, 1.0)
-        return found, dr.select(active, weight, mi.Color3f(0.0))
+        possible = density > 0.0
+        weight = value / dr.select(possible, density, 1.0)
+        return found, dr.select(possible, weight, mi.Color3f(0.0))
 
-    def _value(self, wi: Any, active: Any) -> Any:
-        """RGB at a direction of the texture's frame."""
-        if self.backwards:
-            found = self.reflector.value(self.place, wi, self.wo)
-        else:  # light comes from wo and goes to wi
-            place = self.reflector.place(self.uv, wi)
-            found = self.reflector.value(place, self.wo, wi)
-            found *= wi.z / dr.maximum(self.wo.z, LEAST_COSINE)
-        return dr.select(active, found, mi.Color3f(0.0))
+    def _chances(self) -> Any:
+        """The probabilities of the sampler."""
+        if self._shares is None:
+            self._shares = self.reflector.shares(self.place, dr.detach(self.wo))
+        return self._shares
+
+    def _turned(self, wi: Any) -> Any:
+        """The value of light that comes from wo and goes to wi, for tracers of light."""
+        place = self.reflector.place(self.uv, wi)
+        (found,) = self.reflector.values(place, [self.wo], wi)
+        return found * (wi.z / dr.maximum(self.wo.z, LEAST_COSINE))
+
+    def _where_lit(self, lights: Sequence[Any], found: Sequence[Any], zero: Any) -> list[Any]:
+        """What was found for each wi over the horizon, else zero."""
+        pairs = zip(lights, found, strict=True)
+        return [dr.select(self.active & (wi.z > 0.0), value, zero) for wi, value in pairs]
+
+
+def _valid(w: Any) -> Any:
+    """A direction, or the one straight down where its numbers are none."""
+    return dr.select(dr.isfinite(dr.dot(w, w)), w, mi.Vector3f(0.0, 0.0, -1.0))

@@ -64,9 +64,10 @@ class Walk:
     def _folded(self, at: Any, speed: Any, count: int) -> tuple[Any, Any]:
         """A place within the map and the speed there, which reversed copies turn."""
         edge = at + 0.5
+        # Rounding of a far place must not lead beyond the map.
         if self.field.rule == REPEAT:
-            return remainder(edge, count) - 0.5, speed
-        place = remainder(edge, 2.0 * count)
+            return dr.clip(remainder(edge, count), 0.0, count) - 0.5, speed
+        place = dr.clip(remainder(edge, 2.0 * count), 0.0, 2.0 * count)
         turned = place > count
         place = dr.select(turned, 2.0 * count - place, place)
         return place - 0.5, dr.select(turned, -speed, speed)

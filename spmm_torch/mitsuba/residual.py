@@ -77,25 +77,36 @@ class RankResidual:
         return [number for part in parts for number in part]
 
 
-def epsilon(
-    kinds: Sequence[Clusters | RankResidual], block: Any, weights: Sequence[Any], pairs: Pairs
-) -> Any:
-    """The whole residual, RGB, of a block whose texels have bilinear weights."""
-    if not kinds:
-        return mi.Color3f(0.0)
+def epsilons(
+    kinds: Sequence[Clusters | RankResidual],
+    block: Any,
+    weights: Sequence[Any],
+    pairs: Sequence[Pairs],
+) -> list[Any]:
+    """The whole residual, RGB, of a block whose texels have bilinear weights.
+
+    Args:
+        kinds: residuals of the model.
+        block, weights: the place.
+        pairs: one or more queries of one view.
+    """
     mixed = [kind.mixed(block, weights) for kind in kinds]
     ends = [sum(map(len, mixed[:n])) for n in range(len(kinds) + 1)]
+    sums = 3 * len(pairs)
 
-    def add(n: Any, red: Any, green: Any, blue: Any, *given: Any) -> tuple[Any, ...]:
-        pair, weight = Pairs.of_parts(given[: Pairs.PARTS]).of(n)
-        rest = given[Pairs.PARTS :]
-        total = [red, green, blue]
-        for kind, first, last in zip(kinds, ends, ends[1:], strict=False):
-            values = kind.at(pair, rest[first:last])
-            total = [t + weight * v for t, v in zip(total, values, strict=True)]
+    def add(n: Any, *state: Any) -> tuple[Any, ...]:
+        total, given = list(state[:sums]), state[sums:]
+        for query in range(len(pairs)):
+            parts = given[Pairs.PARTS * query : Pairs.PARTS * (query + 1)]
+            pair, weight = Pairs.of_parts(parts).of(n)
+            rest = given[Pairs.PARTS * len(pairs) :]
+            for kind, first, last in zip(kinds, ends, ends[1:], strict=False):
+                for c, value in enumerate(kind.at(pair, rest[first:last])):
+                    total[3 * query + c] += weight * value
         return n + 1, *total, *given
 
-    zeros = (mi.Float(0.0), mi.Float(0.0), mi.Float(0.0))
-    given = (*pairs.parts(), *(number for part in mixed for number in part))
-    state = loop((mi.UInt32(0), *zeros, *given), lambda n, *_: n < Pairs.COUNT, add)
-    return mi.Color3f(*state[1:4])
+    zeros = (mi.Float(0.0) for _ in range(sums))
+    given = (number for each in pairs for number in each.parts())
+    start = (mi.UInt32(0), *zeros, *given, *(number for part in mixed for number in part))
+    state = loop(start, lambda n, *_: n < Pairs.COUNT, add)[1 : 1 + sums]
+    return [mi.Color3f(*state[3 * n : 3 * n + 3]) for n in range(len(pairs))]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -45,10 +44,21 @@ class Rows:
         return taken(parameter.array, self.place, self.counts)
 
 
-def blocks(corners: Tensor, offset: Tensor, index: Tensor, codes: Tensor) -> TexelBlocks:
-    """The lobes of each block of texels `corners [T, 4]`, with codes `[n, C]` of the entries."""
+def blocks(
+    corners: Tensor, offset: Tensor, index: Tensor, codes: Tensor, models: Tensor
+) -> TexelBlocks:
+    """The lobes of each block of texels, those of one BRDF together, as rays of a pixel need them.
+
+    Args:
+        corners: texels of each block, `[T, 4]`.
+        offset, index, codes: entries of all texels, `[T + 1]`, `[n]` and `[n, C]`.
+        models: BRDF of each lobe, `[J]`.
+    """
     wanted = torch.ones_like(corners, dtype=torch.bool)
-    return TexelBlocks.build(corners, wanted, SparseWeights(offset.long(), index.long(), codes))
+    merged = TexelBlocks.build(corners, wanted, SparseWeights(offset.long(), index.long(), codes))
+    block = torch.repeat_interleave(merged.count)
+    order = torch.argsort(block * len(TWINS) + models[merged.lobe], stable=True)
+    return replace(merged, lobe=merged.lobe[order], weight=merged.weight[order])
 
 
 def entries_of(merged: TexelBlocks, numbers: Any) -> Entries:
@@ -62,7 +72,7 @@ def weight_rows(corners: Tensor, model: SPMM) -> tuple[TexelBlocks, Rows]:
     """(the lobes of each block, where their weights `[M, 3, 4]` stand)."""
     count, channels = model.weight.shape
     number = torch.arange(1, count + 1, dtype=torch.float64)[:, None]  # exact up to 2^53
-    merged = blocks(corners, model.offset, model.index, number)
+    merged = blocks(corners, model.offset, model.index, number, model.lobe_model)
     entry = merged.weight[:, None, :, 0].long() - 1  # [M, 1, 4]
     place = torch.where(entry >= 0, entry * channels + _channel(channels)[:, None], NONE)
     return merged, Rows.build(place)
@@ -70,7 +80,8 @@ def weight_rows(corners: Tensor, model: SPMM) -> tuple[TexelBlocks, Rows]:
 
 def specular_entries(corners: Tensor, data: SamplingData) -> tuple[Entries, Any]:
     """(entries that are sampled, with their codes; codes of the groups of each block)."""
-    merged = blocks(corners, data.offset, data.index, data.gamma[:, None].double())
+    codes = data.gamma[:, None].double()
+    merged = blocks(corners, data.offset, data.index, codes, data.table.model)
     return entries_of(merged, float_array(merged.weight)), float_array(data.group[corners])
 
 

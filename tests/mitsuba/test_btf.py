@@ -38,7 +38,7 @@ def test_values_are_those_of_the_material(
     reflector = measured.Measured(btf)
     uv, wi, wo = random_queries(QUERIES)
     place = reflector.place(mi.Point2f(*uv.T.contiguous().numpy()), None)
-    found = reflector.value(place, vectors(mi, wi), vectors(mi, wo))
+    found = reflector.values(place, [vectors(mi, wi)], vectors(mi, wo))[0]
     expected = BTFMaterial.build(btf)(uv, wi, wo)
     tolerance = 5e-4 if halves else 1e-5
     torch.testing.assert_close(values(found), expected, rtol=tolerance, atol=tolerance)

@@ -1,4 +1,4 @@
-"""Mitsuba's own chi-square test of the whole mixture: what is sampled has the density that is told."""
+"""Mitsuba's own chi-square test of the whole mixture: samples have the density that is told."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import ring_directions
 from tests.lobes.lobe_cases import kappa_of_widths, unit_vector
-from tests.planted.models import FEW_RINGS, planted_model, uneven_model, with_components, with_relief
+from tests.planted.models import (
+    FEW_RINGS,
+    planted_model,
+    uneven_model,
+    with_components,
+    with_relief,
+)
 from tests.planted.runs import model_folder
 
 ANGLES = (0.0, 25.0, 45.0, 65.0, 80.0)

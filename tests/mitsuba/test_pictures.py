@@ -21,7 +21,7 @@ from spmm_torch.render import (
     Texture,
     render,
 )
-from tests.mitsuba.queries import interaction, random_queries, values, vectors
+from tests.mitsuba.queries import random_queries, vectors
 from tests.mitsuba.scenes import sphere_scene, sun
 from tests.planted.models import (
     FEW_RINGS,
@@ -96,7 +96,7 @@ def test_gradients_are_those_of_torch(name: str, mi: Any) -> None:
     material.update()
     up = mi.Point2f(*uv.T.contiguous().numpy())
     light, view = vectors(mi, wi), vectors(mi, wo)
-    found = material.value(material.place(up, view), light, view)
+    found = material.values(material.place(up, view), [light], view)[0]
     drjit.backward(drjit.sum(drjit.sum(found)))
     owner = {"residual": model.residual, "coefficients": model.components}.get(name)
     if owner is None:
@@ -141,7 +141,7 @@ def test_one_ray_at_a_time(scalar: Any, tmp_path: Path) -> None:
             expected, pdf = model(at, light, view), model.pdf(at, light, view)
         torch.testing.assert_close(torch.tensor(list(value)), expected, rtol=1e-4, atol=1e-5)
         assert float(density) == pytest.approx(float(pdf), rel=1e-4)
-    picture = np.array(scalar.render(
-        sphere_scene(scalar, textured(scalar, run), {"sun": sun(SUN)}, 4), spp=2
-    ))
+    picture = np.array(
+        scalar.render(sphere_scene(scalar, textured(scalar, run), {"sun": sun(SUN)}, 4), spp=2)
+    )
     assert np.isfinite(picture).all() and picture.mean() > 0.0

@@ -1,4 +1,4 @@
-"""Sampling of visible half vectors, the twin of `spmm_torch.brdf.visible`, which tells the theory."""
+"""Sampling of visible half vectors in Dr.Jit; `spmm_torch.brdf.visible` tells the theory."""
 
 from __future__ import annotations
 
