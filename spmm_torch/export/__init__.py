@@ -28,6 +28,12 @@ TARGETS: dict[str, Target] = {
             (LOBES, RESIDUAL, RELIEF),
         ),
         Target(
+            "osl",
+            "a shader of closures for Blender Cycles, with the pictures that it reads",
+            "",
+            (LOBES, RELIEF),
+        ),
+        Target(
             "web",
             "one offline HTML page that shows the material in real time by WebGL 2",
             ".html",

@@ -227,12 +227,8 @@ EDITS: dict[str, tuple[dict[str, float], Callable[[SPMM], SPMM]]] = {
         ),
     ),
     "diffuse": (
-        {"diffuse": 2.0, "diffuse_width": -1.0},
-        lambda model: scale_width(
-            intensity(model, 2.0, lobe_group(model, "non_specular")),
-            0.5,
-            lobe_group(model, "non_specular"),
-        ),
+        {"diffuse": 2.0},
+        lambda model: intensity(model, 2.0, lobe_group(model, "non_specular")),
     ),
     "residual": ({"residual": 0.25}, lambda model: residual_strength(model, 0.25)),
     "relief": ({"depth": 2.0}, lambda model: relief_depth(model, 2.0)),
