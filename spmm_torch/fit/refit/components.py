@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ...model.lookup import SparseWeights
 from .lookups import Lookups
-from .matrices import joint_matrix, products_at
+from .matrices import joint_matrix, products_at, rows_by_view, side_by_side
 
 # Ridge of the preconditioner, relative to its mean diagonal: functions may vanish in some views.
 RIDGE = 1e-4
@@ -49,8 +49,8 @@ def gram_by_view(functions: Tensor, scale: Tensor | None) -> Tensor:
 def seen(coefficient: Tensor, gram: Tensor, lookups: Lookups) -> Tensor:
     """The normal matrix of the coefficients times `coefficient [T, R]`."""
     total = torch.zeros_like(coefficient)
-    for view in range(lookups.views):
-        total += lookups.squared(view, coefficient @ gram[view])
+    for run in lookups.runs():
+        total += lookups.squared(run, rows_by_view(coefficient @ side_by_side(gram[run]), run))
     return total
 
 
@@ -116,9 +116,10 @@ def seen_by_lobes(
     """
     pattern = joint_matrix(entries, kernel.shape[1])
     total = torch.zeros(entries.weight.numel(), dtype=torch.float64, device=kernel.device)
-    for view in range(lookups.views):
-        shared = kernel[view].flatten(0, 1).T.contiguous()  # [R, J C]
-        total += products_at(pattern, lookups.squared(view, coefficient), shared)
+    for run in lookups.runs():
+        shared = kernel[run].flatten(1, 2).transpose(1, 2).flatten(0, 1)  # [n R, J C]
+        shown = side_by_side(lookups.squared_apart(run, coefficient))  # [T, n R]
+        total += products_at(pattern, shown, shared.contiguous())
     return total.view(entries.weight.shape)
 
 
@@ -127,6 +128,7 @@ def seen_by_components(entries: SparseWeights, kernel: Tensor, lookups: Lookups)
     weights = joint_matrix(entries, kernel.shape[1])
     shape = (len(entries.offset) - 1, kernel.shape[3])
     total = torch.zeros(shape, dtype=torch.float64, device=kernel.device)
-    for view in range(lookups.views):
-        total += lookups.squared(view, weights @ kernel[view].flatten(0, 1))
+    for run in lookups.runs():
+        shown = weights @ side_by_side(kernel[run].flatten(1, 2))  # [T, n R]
+        total += lookups.squared(run, rows_by_view(shown, run))
     return total
