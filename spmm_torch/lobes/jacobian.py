@@ -18,10 +18,11 @@ from ..brdf import MAX_PARAMETERS, REGISTRY
 from ..brdf.base import above_horizon
 from ..geometry.directions import frame_from_normal, normal_from_disk
 from ..runtime.memory import slices
-from .batch import COORDINATES, rotate
+from .batch import COORDINATES
 from .by_component import ByComponent
 from .cut import view_step
 from .ragged import Spans, groups, in_spans, spans_within
+from .values import rotate
 
 # Values of one tensor of a block. On a CPU few enough for the caches, and enough to hide the cost
 # of a call. On a GPU lobes of all models share a block, which takes 4 GB in a backward pass.

@@ -47,17 +47,12 @@ def measure(parts: list[str], device: str, small: bool) -> dict[str, Ended]:
     return ended
 
 
-def results_of(ended: dict[str, Ended], device: str, small: bool) -> dict[str, Any]:
+def written(about: dict[str, Any], ended: dict[str, Ended]) -> str:
     """What `gpu.json` holds."""
-    from spmm_torch.benchmark.environment import environment
-    from spmm_torch.runtime.device import resolve_device
+    from spmm_torch.cli.benchmark import finite
 
-    return {
-        "environment": environment(resolve_device(device)),
-        "device": device,
-        "small": small,
-        "parts": {part: asdict(found) for part, found in ended.items()},
-    }
+    results = finite({**about, "parts": {part: asdict(end) for part, end in ended.items()}})
+    return json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -71,21 +66,24 @@ def main(arguments: list[str] | None = None) -> int:
     if sentence := missing(options.device):
         print(sentence, file=sys.stderr)
         return BAD_INPUT
+    from spmm_torch.benchmark.environment import environment
     from spmm_torch.errors import SPMMError
     from spmm_torch.runtime.atomic import new_folder
+    from spmm_torch.runtime.device import resolve_device
     from tests.benchmarks.on_gpu.table import table
 
-    parts = chosen_parts(options.parts)
+    parts, device = chosen_parts(options.parts), options.device
+    # Asked before anything can break the device.
+    machine = environment(resolve_device(device))
     try:
         with new_folder(options.output) as folder:
-            ended = measure(parts, options.device, options.small)
-            results = results_of(ended, options.device, options.small)
-            text = json.dumps(results, indent=1, ensure_ascii=False, allow_nan=False)
-            (folder / RESULTS).write_text(text + "\n", encoding="utf-8")
+            ended = measure(parts, device, options.small)
+            about = {"environment": machine, "device": device, "small": options.small}
+            (folder / RESULTS).write_text(written(about, ended), encoding="utf-8")
     except SPMMError as error:
         print(error, file=sys.stderr)
         return BAD_INPUT
-    print(table(results["environment"], ended))
+    print(table(machine, ended))
     print(Path(options.output) / RESULTS)
     return FAILED if any(found.failure for found in ended.values()) else 0
 

@@ -182,7 +182,7 @@ def waits(function: Any, name: str, args: Any, kwargs: dict[str, Any]) -> bool:
 def check(
     function: Any, name: str, args: Any, kwargs: dict[str, Any], leaves: list[Tensor]
 ) -> None:
-    """Refuses what CUDA refuses.
+    """Refuses what CUDA refuses, of operands `[...]`.
 
     Raises:
         RuntimeError: operands on two devices, or a generator of the host.
@@ -214,7 +214,7 @@ def size_of(held: Tensor) -> int:
 
 
 def tensors(part: Any) -> Iterator[Tensor]:
-    """All tensors in nested lists of arguments."""
+    """All tensors `[...]` in nested lists of arguments."""
     if isinstance(part, Tensor):
         yield part
     elif isinstance(part, (list, tuple)):

@@ -13,6 +13,8 @@ from .matrices import joint_matrix, products_at, rows_by_view, side_by_side
 RIDGE = 1e-4
 # Squared gradient, relative to that of zeros, at which coefficients are as good as their bytes.
 CONVERGED = 1e-5
+# Steps after which a GPU is asked whether that is reached: the host waits to know it.
+CUDA_STEPS = 4
 
 
 def first_coefficients(
@@ -77,8 +79,9 @@ def coefficients(
     step = left @ inverse
     size = (left * step).sum()
     tiny = torch.finfo(size.dtype).tiny
-    for _ in range(steps):
-        if not bool(size > CONVERGED * first):
+    for number in range(steps):
+        asked = not size.is_cuda or number % CUDA_STEPS == 0
+        if asked and not bool(size > CONVERGED * first):
             break
         along = seen(step, gram, lookups)
         reach = size / (step * along).sum().clamp(min=tiny)
@@ -86,7 +89,7 @@ def coefficients(
         left = left - reach * along
         scaled = left @ inverse
         before, size = size, (left * scaled).sum()
-        step = scaled + (size / before) * step
+        step = scaled + (size / before.clamp(min=tiny)) * step
     return found
 
 

@@ -170,14 +170,19 @@ def read_stack(
         OutputError: the decoded values cannot be kept on disk.
     """
     part = btf.restricted(views=views, lights=lights)
-    rows = [logarithms(part.pictures(view).mean(-1).to(device)) for view in range(len(views))]
-    values = normalized(torch.stack(rows))
+    grey = torch.stack([part.pictures(view).mean(-1) for view in range(len(views))]).to(device)
+    values = normalized(torch.cat([logarithms(some) for some in grey.split(_at_once(grey))]))
     cosine = part.view[:, 2].to(device)
     textured = values.flatten(2).any(2)  # [V', L']
     if part.missing is not None:
         textured &= ~part.missing.to(device)
     slope = shift_of_height(part.view).to(device) * btf.width
     return PictureStack(values, cosine.square()[:, None] * textured, slope, torch.zeros_like(slope))
+
+
+def _at_once(pictures: Tensor) -> int:
+    """Views of `pictures [V, ...]` that a device takes at once."""
+    return len(pictures) if pictures.is_cuda else 1
 
 
 def logarithms(pictures: Tensor) -> Tensor:

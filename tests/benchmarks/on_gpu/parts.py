@@ -30,7 +30,7 @@ def speed(device: str, sizes: Sizes, put: Put) -> None:
 
 
 def tests(device: str, sizes: Sizes, put: Put) -> None:
-    """The tests that want a GPU; skipped where there is none, as in a dry run.
+    """The tests that want a GPU; in a dry run they have a simulated one.
 
     Raises:
         AssertionError: some failed.
