@@ -45,10 +45,10 @@ demo: $(VENV)/installed
 	@echo "The report lies in $(RUN)/report.html"
 
 test: $(VENV)/installed-test
-	$(PYTEST) -m "not slow and not gpu"
+	$(PYTEST) -m "not slow"
 
 test-slow: $(VENV)/installed-test
-	$(PYTEST) -m "slow and not gpu"
+	$(PYTEST) -m slow
 
 lint: $(VENV)/installed-test
 	$(VENV)/bin/ruff check .

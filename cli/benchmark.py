@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from spmm_torch.benchmark.scope import Bench, Scope
 
 # The modules of `spmm_torch.benchmark` that measure something, in their order.
-PARTS = ("sweep", "peers", "rates", "weightings", "scaling", "limits")
+PARTS = ("sweep", "peers", "rates", "weightings", "scaling", "limits", "launches")
 RESULTS, PAGE = "benchmark.json", "benchmark.html"
 SCHEMA_VERSION = 1
 
@@ -212,4 +212,9 @@ def headlines(results: dict[str, Any]) -> list[str]:
     for row in results.get("limits", {}).get("rows", []):
         if row["fraction"] is not None:
             lines.append(f"{row['stage']}: {100.0 * row['fraction']:.0f} % of its limit")
+    for row in results.get("launches", {}).get("rows", [])[-1:]:
+        lines.append(
+            f"a GPU would be asked for {row['launches']:,} operations, {row['seconds']:.2f} s to "
+            f"launch, and the host would wait {row['waits']:,} times"
+        )
     return lines

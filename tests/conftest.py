@@ -1,6 +1,8 @@
-"""Settings for all tests: reproducible examples, and GPU tests only where there is a GPU."""
+"""Settings for all tests: reproducible examples, and a simulated GPU where there is none."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import pytest
 import torch
@@ -11,11 +13,19 @@ settings.register_profile("spmm_torch", derandomize=True, deadline=None, databas
 settings.load_profile("spmm_torch")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skips tests marked `gpu` on machines without CUDA."""
-    if torch.cuda.is_available():
+@pytest.fixture(autouse=True)
+def gpu(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A simulated GPU for tests marked `gpu` where there is no other.
+
+    Those marked `gpu(simulated=False)` are skipped there.
+    """
+    mark = request.node.get_closest_marker("gpu")
+    if mark is None or torch.cuda.is_available():
+        yield
         return
-    skip = pytest.mark.skip(reason="needs CUDA")
-    for item in items:
-        if item.get_closest_marker("gpu"):
-            item.add_marker(skip)
+    if not mark.kwargs.get("simulated", True):
+        pytest.skip("needs CUDA")
+    from spmm_torch.benchmark.launches.simulation import simulated_cuda  # slow to load
+
+    with simulated_cuda():
+        yield

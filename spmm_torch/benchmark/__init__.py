@@ -26,6 +26,9 @@ values that are not finite are null, and parts that were not asked for are missi
     limits: machine {flops_per_second, bytes_per_second, product, copy (TIMEs)}, bare_decoding (a
         TIME, or null), rows [stage, seconds, flops, bytes, limit_seconds, fraction, counted_flops,
         counted_bytes, counted_fraction].
+    launches: launch_seconds (of one operation), rows [stage, launches, waits (of the host),
+        bytes_to_device, bytes_to_host, seconds (to launch)], launches and waits [line, count] (the
+        worst lines); of a fit on a simulated GPU, with other settings as in default.
 
     TIME: median, fastest, slowest (seconds), runs.
     FIT: seconds (a TIME, from the input on disk), stages {stage: median seconds}, and, as in

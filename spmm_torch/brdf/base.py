@@ -121,8 +121,8 @@ class BRDF(ABC):
         """f_r without the cosine, in 1/sr: kappa `[..., P]`, wi and wo `[..., 3]` -> `[...]`.
 
         Leading dimensions broadcast. The value is 0 where wi or wo is under the horizon; values
-        and gradients are finite everywhere. wi and wo may be `Directions`: they are read by their
-        components, `wi[..., 2]`, and in no other way.
+        and gradients are finite everywhere. All three may be `Components`: they are read by their
+        components, `wi[..., 2]`, and their shape, and in no other way.
         """
 
     @abstractmethod
@@ -138,19 +138,23 @@ class BRDF(ABC):
 
 
 @dataclass(frozen=True)
-class Directions:
-    """Directions by their components, `[...]` each, read as those of a tensor: `w[..., 2]` is z.
+class Components:
+    """Vectors by their components, `[...]` each, read as those of a tensor: `w[..., 2]` is z.
 
-    Components that were just computed need not be copied into one tensor to be read from it.
+    Components that were just computed need not be copied into one tensor to be read from it, and
+    none has a gradient as large as all of them.
     """
 
-    x: Tensor
-    y: Tensor
-    z: Tensor
+    parts: tuple[Tensor, ...]
 
     def __getitem__(self, index: tuple[EllipsisType, int]) -> Tensor:
         """A component `[...]`, given `..., 0` and so on."""
-        return (self.x, self.y, self.z)[index[1]]
+        return self.parts[index[1]]
+
+    @property
+    def shape(self) -> torch.Size:
+        """That of a tensor `[..., N]` of all components."""
+        return torch.Size((*self.parts[0].shape, len(self.parts)))
 
 
 @dataclass(frozen=True)

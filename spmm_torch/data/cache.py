@@ -21,7 +21,6 @@ from pathlib import Path
 
 import numpy as np
 from filelock import Timeout
-from platformdirs import user_cache_path
 
 from ..errors import DataError, OutputError
 from ..runtime.atomic import write_atomic
@@ -50,8 +49,10 @@ def default_folder() -> Path:
 
     Unknown users of containers have none. The temporary one has the user's number in its name.
     """
+    import platformdirs  # most runs need no cache
+
     try:
-        folder = user_cache_path("spmm_torch")
+        folder = platformdirs.user_cache_path("spmm_torch")
     except RuntimeError:  # the system does not know the user
         folder = Path("~")
     if folder.is_absolute():

@@ -11,7 +11,6 @@ import math
 from functools import lru_cache
 
 import torch
-from kornia.color import hsv_to_rgb, rgb_to_hsv
 from torch import Tensor
 from torch.nn.functional import normalize
 
@@ -37,12 +36,21 @@ def change_colours(rgb: Tensor, hue: float, saturation: float) -> Tensor:
     changed = torch.stack(
         (torch.remainder(h + hue, 2.0 * math.pi), (s * saturation).clamp(max=1.0))
     )
-    pure = hsv_to_rgb(torch.stack((*changed, torch.ones_like(v)))[:, :, None])[:, :, 0]  # [3, N]
+    pure = _pure(torch.stack((*changed, torch.ones_like(v))))  # [3, N]
     return (pure * v).T.reshape(rgb.shape)
+
+
+def _pure(hsv: Tensor) -> Tensor:
+    """RGB `[3, N]` of hue (radians), saturation and value `[3, N]`."""
+    from kornia.color import hsv_to_rgb  # half a second to load
+
+    return hsv_to_rgb(hsv[:, :, None])[:, :, 0]
 
 
 def _hsv(rgb: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Hue (radians), saturation and value of colours `[..., 3]`, flattened to `[N]` each."""
+    from kornia.color import rgb_to_hsv  # half a second to load
+
     flat = rgb.reshape(-1, 3).clamp(min=0.0)
     value = flat.amax(1)
     # The guard against black in kornia is absolute: dark colours would lose saturation.
@@ -80,7 +88,7 @@ def linear_changes(colours: Tensor, hue: Tensor, saturation: Tensor) -> Tensor:
     rows = []
     for turn in hue.tolist():
         turned = torch.stack((torch.remainder(h + turn, 2.0 * math.pi), one, one))
-        pure = hsv_to_rgb(turned[:, :, None])[:, :, 0].T  # [N, 3]
+        pure = _pure(turned).T  # [N, 3]
         products = (pure[:, :, None] * colours[:, None, :]).flatten(1)  # [N, 9], p c^T
         moment = (chroma @ products).unflatten(1, (3, 3)) + grey  # sum_c e(c) c^T
         rows.append(moment @ inverse)  # Eq. (6)

@@ -31,7 +31,7 @@ from .prune.ablation import ablate
 from .prune.auto import choose_models
 from .refit.stage import refit_pictures
 from .search.lobes import search_lobes
-from .select.clusters import fit_texels
+from .select.together import fit_clusters
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def fit(
         problem, choice = choose_models(problem, samples)
         found = search_lobes(problem, samples)  # §3.2, Eq. 5
         dictionary = build_dictionary(problem, found, len(clusters.members))  # §4.1
-        fits = fit_texels(problem, clusters, dictionary)  # §3.2, stagewise Lasso; §4.1, residual
+        fits = fit_clusters(problem, clusters, dictionary)  # §3.2, stagewise Lasso; §4.1, residual
         mixtures = mix(clusters, dictionary, fits)
         refit = refit_pictures(problem, clusters, mixtures, fits)
         model = assemble(problem, clusters, mixtures, refit)  # Eq. 2

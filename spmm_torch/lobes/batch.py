@@ -10,28 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import torch
 from torch import Tensor
 
 from ..brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
-from ..brdf.base import Directions, above_horizon
-from ..errors import DataError
 from ..geometry.directions import (
     disk_from_normal,
-    frame_from_normal,
     normal_from_disk,
     project_disk,
 )
-from .cut import lit_cosine, view_step
-from .ragged import groups
+from .ragged import Spans, groups, in_spans
+from .values import eval_model, eval_models
 
 # Values of one block of lobes: few enough for the cache of a CPU core, enough to fill a GPU.
 CPU_BLOCK = 1 << 18
 CUDA_BLOCK = 1 << 27
-# Three rows of three entries of matrices, `[...]` each.
-Rotation = tuple[tuple[Tensor, ...], ...]
 # Search coordinates of a lobe: disk x, disk y, angle, then the parameters on [0, 1].
 COORDINATES = 3 + MAX_PARAMETERS
 
@@ -111,13 +105,26 @@ class LobeBatch:
         Raises:
             DataError: lobes or directions in float16 or bfloat16.
         """
+        shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
+        if wi.is_cuda and 0 < len(self) * shape.numel() <= CUDA_BLOCK:
+            return self._eval_together(wi, wo)
         blocks = list(self._blocks(wi, wo))
         if not blocks:
-            return wi.new_zeros(0, *torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1]))
+            return wi.new_zeros(0, *shape)
         order = torch.cat([index for index, _ in blocks])
         value = torch.cat([part for _, part in blocks])
         if bool((order[1:] > order[:-1]).all()):
             return value
+        return value.index_select(0, torch.argsort(order))
+
+    def _eval_together(self, wi: Tensor, wo: Tensor) -> Tensor:
+        """`eval` of all models in one block, which has far fewer operations."""
+        order, spans = in_spans(self.model, len(REGISTRY))
+        part_wi = wi if wi.shape[0] == 1 else wi.index_select(0, order)
+        part_wo = wo if wo.shape[0] == 1 else wo.index_select(0, order)
+        _, kappa, normal, angle = (part.index_select(0, order) for part in self._parts())
+        ends = self.horizon, self.lowest
+        value = eval_models(spans, kappa, normal, angle, part_wi, part_wo, *ends)
         return value.index_select(0, torch.argsort(order))
 
     def eval_grid(self, light: Tensor, view: Tensor) -> Tensor:
@@ -149,93 +156,6 @@ class LobeBatch:
         return self.model, self.kappa, self.normal, self.angle
 
 
-def _check_precision(*tensors: Tensor) -> None:
-    """Raises DataError if a tensor has fewer than the 24 bits of float32."""
-    for tensor in tensors:
-        if tensor.dtype in (torch.float16, torch.bfloat16):
-            raise DataError(
-                f"lobes were given in {tensor.dtype}, too coarse for narrow lobes; expected "
-                f"float32 or float64; convert with .float()."
-            )
-
-
-def eval_model(
-    model: int,
-    kappa: Tensor,
-    normal: Tensor,
-    angle: Tensor,
-    wi: Tensor,
-    wo: Tensor,
-    horizon: float = 0.0,
-    lowest: float = 0.0,
-) -> Tensor:
-    """rho `[J, ...]` of J lobes of one model [WDR11 Eq. 3]; fastest if components are contiguous.
-
-    Args:
-        model: index into `MODEL_NAMES`.
-        kappa, normal, angle, horizon, lowest: of the lobes, as in `LobeBatch`.
-        wi, wo: directions `[1 or J, ..., 3]`, as in `LobeBatch.eval`.
-
-    Raises:
-        DataError: kappa or directions in float16 or bfloat16.
-    """
-    _check_precision(kappa, wi, wo)
-    middle = (1,) * (max(wi.ndim, wo.ndim) - 2)
-    rotation = entries(frame_from_normal(normal, angle).view(-1, *middle, 3, 3))
-    parameters = kappa.view(kappa.shape[0], *middle, kappa.shape[1])
-    return eval_rotated(model, parameters, rotation, wi, wo, horizon, lowest)
-
-
-def eval_rotated(
-    model: int,
-    kappa: Tensor,
-    rotation: Rotation,
-    wi: Tensor,
-    wo: Tensor,
-    horizon: float = 0.0,
-    lowest: float = 0.0,
-) -> Tensor:
-    """`eval_model` of lobes whose frames are known: `[...]`; leading dimensions broadcast.
-
-    Args:
-        model, horizon, lowest: as in `eval_model`.
-        kappa: parameters `[..., P]`.
-        rotation: rows of the frames, see `frame_from_normal`; entries `[...]`.
-        wi, wo: directions `[..., 3]`.
-    """
-    local_wi, local_wo = (Directions(*_rotated(rotation, w)) for w in (wi, wo))
-    # A BRDF reads components alone, whatever holds them.
-    value = REGISTRY[model].eval(kappa, cast("Tensor", local_wi), cast("Tensor", local_wo))
-    cosine = local_wi.z.clamp(min=0.0)
-    cosine = lit_cosine(cosine, rotation[2][2], wi[..., 2], lowest)
-    if horizon > 0.0:
-        cosine = cosine * view_step(local_wo.z, horizon)
-    return value * (cosine * above_horizon(wi, wo))  # Eq. (3)
-
-
-def rotate(rotation: Tensor, w: Tensor) -> Tensor:
-    """Local directions `[J, ..., 3]` of `w [1 or J, ..., 3]`, for `rotation [J, 3, 3]`.
-
-    Each component is contiguous.
-    """
-    rows = entries(rotation.view(-1, *(1,) * (w.ndim - 2), 3, 3))
-    return torch.stack(_rotated(rows, w)).movedim(0, -1)
-
-
-def entries(rotation: Tensor) -> Rotation:
-    """The rows of matrices `[..., 3, 3]`, entry by entry, `[...]` each."""
-    return tuple(row.unbind(-1) for row in rotation.unbind(-2))
-
-
-def _rotated(rows: Rotation, w: Tensor) -> list[Tensor]:
-    """Components `[...]` of local directions, contiguous, of `w [..., 3]`.
-
-    Written out, because matrix libraries are slow for products of 3 x 3 matrices.
-    """
-    x, y, z = w.movedim(-1, 0).contiguous().unbind()
-    return [a * x + b * y + c * z for a, b, c in rows]
-
-
 def anisotropic_mask(model: Tensor) -> Tensor:
     """True for each lobe of `model [J]` whose BRDF has a tangent."""
     table = torch.tensor([brdf.anisotropic for brdf in REGISTRY], device=model.device)
@@ -258,6 +178,21 @@ def decode(model: Tensor, coordinates: Tensor, horizon: float = 0.0) -> LobeBatc
     turn = anisotropic_mask(model).to(coordinates.dtype)
     normal, angle = normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn
     return LobeBatch(model, kappa, normal, angle, horizon)
+
+
+def decoded(spans: Spans, coordinates: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """kappa `[J, P]`, normals `[J, 3]` and angles `[J]` of lobes in the order of their models.
+
+    As by `decode`, of search `coordinates [J, COORDINATES]`.
+    """
+    kappa = torch.zeros_like(coordinates[:, 3:])
+    turn = coordinates.new_zeros(len(coordinates))
+    for index, rows in spans:
+        for column, row in enumerate(REGISTRY[index].parameters):
+            kappa[rows, column] = row.from_unit(coordinates[rows, 3 + column])
+        if REGISTRY[index].anisotropic:
+            turn[rows] = 1.0
+    return kappa, normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn
 
 
 def encode(lobes: LobeBatch) -> Tensor:

@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
+from ..brdf import REGISTRY
 from ..geometry.directions import angular_spacing
-from .batch import LobeBatch, decode
+from .batch import CUDA_BLOCK, LobeBatch, decode, decoded
 from .jacobian import eval_with_jacobian
+from .ragged import in_spans
+from .values import eval_models
 
 # Two lobes whose values correlate more than this count as the same lobe.
 SAME_LOBE = 0.999
@@ -86,8 +89,14 @@ class DirectionGrid:
 
     def values(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """Values `[S, M, D]` of lobes `model [S, M]` at search `coordinates [S, M, P]`."""
-        lobes = self.decode(model.reshape(-1), coordinates.flatten(0, 1))
-        return self.eval(lobes).unflatten(0, model.shape)
+        flat, place = model.reshape(-1), coordinates.flatten(0, 1)
+        if place.is_cuda and 0 < len(flat) * self.pair_count <= CUDA_BLOCK:
+            order, spans = in_spans(flat, len(REGISTRY))
+            parts = decoded(spans, place.index_select(0, order))
+            values = eval_models(spans, *parts, self.light, self.view, self.horizon)
+            values = values.index_select(0, torch.argsort(order)).flatten(1)
+            return self.scaled(values).unflatten(0, model.shape)
+        return self.eval(self.decode(flat, place)).unflatten(0, model.shape)
 
     def jacobian(self, model: Tensor, coordinates: Tensor) -> tuple[Tensor, Tensor]:
         """`values`, and their derivatives along all coordinates `[S, M, P, D]`."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from .batch import CPU_BLOCK, CUDA_BLOCK, LobeBatch, eval_model
+from .batch import CPU_BLOCK, CUDA_BLOCK, LobeBatch
 from .ragged import stable_order
+from .values import eval_model
 
 # Bounds of the length of a row: short rows repeat the work of a lobe, long rows need more padding.
 SHORTEST_ROW, LONGEST_ROW = 8, 128

@@ -17,9 +17,10 @@ from ..brdf import REGISTRY
 from ..brdf.base import COS_EPS
 from ..geometry.directions import frame_from_normal
 from ..geometry.warp import square_to_uniform_hemisphere
-from .batch import LobeBatch, rotate
+from .batch import LobeBatch
 from .pairs import PairRows, gather
 from .ragged import groups
+from .values import rotate
 
 # Width under which a lobe is specular along at least one axis, see `Parameter.from_width`. A cosine
 # lobe samples wider ones as well [WDR11 §5.1 leaves the value open].

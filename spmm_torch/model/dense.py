@@ -20,7 +20,8 @@ from torch.utils._python_dispatch import _disable_current_modes
 from ..brdf import REGISTRY
 from ..geometry.directions import frame_from_normal, texel_at
 from ..geometry.relief import HeightField
-from ..lobes.batch import LobeBatch, entries, eval_rotated
+from ..lobes.batch import LobeBatch
+from ..lobes.values import entries, eval_rotated
 from .components import Components
 from .residual import Residual
 

@@ -61,7 +61,7 @@ def decode_weights(code: Tensor, limits: Tensor, last: int | None = None) -> Ten
     """Weights `[N, C]` float32 of codes `[N, C]` and ranges `[C, 2]`.
 
     Code 0 is 0; code n is least * (largest / least)^((n - 1) / (last - 1)), where `last` is the
-    largest code of the type. A table of all codes is made on the CPU, so that all devices agree.
+    largest code of the type.
 
     Args:
         code: `[N, C]`.
@@ -69,9 +69,20 @@ def decode_weights(code: Tensor, limits: Tensor, last: int | None = None) -> Ten
         last: largest code; None: that of the type of `code`.
     """
     last = torch.iinfo(code.dtype).max if last is None else last
-    table = _scale(limits.cpu(), last).to(code.device)  # [last + 1, C]
-    channel = torch.arange(code.shape[1], device=code.device)
-    return table[code.long(), channel]
+    return weights_at(code.long(), weight_table(limits, last))
+
+
+def weight_table(limits: Tensor, last: int) -> Tensor:
+    """Weights of the codes from 0 to `last`, `[last + 1, C]`, of ranges `[C, 2]`.
+
+    The table is made on the CPU, so that all devices agree.
+    """
+    return _scale(limits.cpu(), last).to(limits.device)
+
+
+def weights_at(place: Tensor, table: Tensor) -> Tensor:
+    """The weights `[..., C]` at the places `[..., C]` long of a `table [last + 1, C]`."""
+    return table[place, torch.arange(place.shape[-1], device=place.device)]
 
 
 def rounded(weights: SparseWeights, dtype: torch.dtype) -> SparseWeights:

@@ -47,6 +47,11 @@ class Ranks:
         """The items `[n, ...]` of this rank: a consecutive part of `items [N, ...]`."""
         return items.tensor_split(self.size)[self.rank]
 
+    def span(self, count: int) -> tuple[int, int]:
+        """First and end of the items of this rank, of `count` in all; see `share`."""
+        own = self.share(torch.arange(count)).tolist()
+        return (own[0], own[-1] + 1) if own else (0, 0)
+
     def sum(self, values: Tensor) -> Tensor:
         """The sum `[...]` over all ranks of their `values [...]`, equal in shape.
 

@@ -26,6 +26,9 @@ LEAST_DECREASE = 1e-6
 BOUND_RIDGE = 1e-10
 # Rounds of forward selection per slot: a slot emptied by the refit can be filled once more.
 ROUNDS_PER_SLOT = 2
+# Rounds on a GPU after each of which texels that have stopped are left out: the host waits to know
+# them.
+CUDA_ROUNDS = 4
 # Entries of the Gram rows that are gathered at once, for the slots of some texels: 8 MB.
 GRAM_ROW_ENTRIES = 1 << 21
 
@@ -83,6 +86,13 @@ class _Support:
 
     def take(self, rows: Tensor) -> _Support:
         return _Support(self.index[rows], self.weights[rows], self.error[rows], self.status[rows])
+
+    def where(self, taken: Tensor, other: _Support) -> _Support:
+        """This support in the texels `taken [T]` bool, the other one, as wide, elsewhere."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return _Support(
+            *(torch.where(taken.view(-1, *[1] * (a.dim() - 1)), a, b) for a, b in pairs)
+        )
 
     def packed(self, slots: int) -> _Support:
         """The same with atoms first, in `slots` columns, which must be enough."""
@@ -172,6 +182,8 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
         texels.energy.clone(),
         status[:, None].repeat(1, channels),
     )
+    running = torch.ones_like(status, dtype=torch.bool)  # [T']
+    rounds = CUDA_ROUNDS if running.is_cuda else 1
     for step in range(ROUNDS_PER_SLOT * slots):
         if not texels.rows.numel():
             break
@@ -181,20 +193,27 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
         trial, best = _add_atom(texels, current)
         gain = current.error - trial.error  # [T']
         finite = (best + gain).isfinite()
-        status[texels.rows] = torch.where(finite, Status.CONVERGED, Status.NOT_FINITE).to(status)
-        kept = ((best > 0) & (gain > texels.least_gain(current.error))).nonzero()[:, 0]
-        texels, trial = texels.take(kept), trial.take(kept)
+        _mark(status, texels.rows, running & ~finite, Status.NOT_FINITE)
+        running &= (best > 0) & (gain > texels.least_gain(current.error))
         dead = (trial.weights == 0).all(1)  # [T', m]: atoms without weight after the refit
         trial.index.masked_fill_(dead, -1)
-        support.put(texels.rows, trial)
+        support.put(texels.rows, trial.where(running, current))
         if support.index.shape[1] == slots:
-            free = (trial.index < 0).any(-1)  # [T']
+            full = running & (trial.index >= 0).all(-1)
             if slots < atoms:
-                status[texels.rows] = torch.where(free, Status.CONVERGED, Status.LIMIT).to(status)
-            texels = texels.take(free.nonzero()[:, 0])
+                _mark(status, texels.rows, full, Status.LIMIT)
+            running &= ~full
+        if (step + 1) % rounds == 0:
+            left = running.nonzero()[:, 0]
+            texels, running = texels.take(left), running[left]
     if atoms:
-        status[texels.rows] = Status.LIMIT
+        _mark(status, texels.rows, running, Status.LIMIT)
     return support, status
+
+
+def _mark(status: Tensor, rows: Tensor, ended: Tensor, how: Status) -> None:
+    """Sets the `status [T]` of texels `rows [T']` where they have `ended [T']`."""
+    status[rows] = torch.where(ended, int(how), status[rows])
 
 
 def _add_atom(texels: _Texels, current: _Support) -> tuple[_Support, Tensor]:
@@ -252,11 +271,12 @@ def _eliminate_backward(texels: _Texels, support: _Support) -> None:
     bound is within the limit.
     """
     used = support.index.shape[1]
+    open_ = torch.ones_like(texels.rows, dtype=torch.bool)  # [T']
     for _ in range(used):
         current = support.take(texels.rows).packed(used)
         before = current.error  # [T']
         bound, slot = _raise_bound(texels.gram, current).min(1)  # [T'], inf at free slots
-        hopeful = (bound <= texels.least_gain(before + bound)).nonzero()[:, 0]
+        hopeful = (open_ & (bound <= texels.least_gain(before + bound))).nonzero()[:, 0]
         if not hopeful.numel():
             break
         texels, current, before = texels.take(hopeful), current.take(hopeful), before[hopeful]
@@ -265,9 +285,8 @@ def _eliminate_backward(texels: _Texels, support: _Support) -> None:
         guess = (current.weights > 0) & ~removed[:, None]
         trial = _refit(texels, current.index.masked_fill(removed, -1), guess)
         raised = trial.error - before
-        dropped = (raised <= texels.least_gain(trial.error)).nonzero()[:, 0]
-        texels = texels.take(dropped)
-        support.put(texels.rows, trial.take(dropped))
+        open_ = raised <= texels.least_gain(trial.error)
+        support.put(texels.rows, trial.where(open_, current))
 
 
 def _raise_bound(gram: Tensor, current: _Support) -> Tensor:

@@ -36,6 +36,8 @@ OPTIMALITY_TOLERANCE = 1e-11
 # Full exchanges without progress before the active set takes over [KP11 §3, alpha].
 PIVOT_PATIENCE = 3
 PIVOT_ROUNDS = 12
+# Exchanges on a GPU after each of which solved problems are left out: the host waits to know them.
+CUDA_ROUNDS = 3
 # float64 values in one block of Gram matrices (32 MiB): bounds the memory for any batch.
 BLOCK_ELEMENTS = 2**22
 
@@ -211,9 +213,8 @@ def _solve_block(
 
 def _solve_unit(problems: _Problems, passive: Tensor, passes: int) -> tuple[Tensor, Tensor]:
     """Pivots, then runs the active set on what is left; weights `[B, J]` and status `[B]`."""
-    weights, solved = _pivot(problems, passive)
-    status = torch.full_like(solved, Status.CONVERGED, dtype=STATUS_DTYPE)
-    open_rows = (~solved).nonzero()[:, 0]
+    weights, open_rows = _pivot(problems, passive)
+    status = torch.full_like(passive[:, 0], Status.CONVERGED, dtype=STATUS_DTYPE)
     if open_rows.numel():
         unsolved = problems.take(open_rows)
         weights[open_rows], ended = _active_set(unsolved, weights[open_rows], passes)
@@ -243,10 +244,14 @@ def _dual(problems: _Problems, weights: Tensor) -> Tensor:
 
 
 def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
-    """Block principal pivoting with full exchanges [KP11 §3]: weights `[B, J]`, solved `[B]`.
+    """Block principal pivoting with full exchanges [KP11 §3]: weights `[B, J]`.
 
-    A problem whose number of infeasible variables has not fallen for `PIVOT_PATIENCE` exchanges
-    is left unsolved; its weights are then a feasible start for `_active_set`.
+    A problem whose number of infeasible variables has not fallen for `PIVOT_PATIENCE` exchanges is
+    left unsolved, on a GPU one that is open after all rounds. Its weights are then a feasible start
+    for `_active_set`.
+
+    Returns:
+        (weights, indices of the unsolved problems).
     """
     batch, atoms = problems.rhs.shape
     weights = torch.zeros_like(problems.rhs)
@@ -254,7 +259,7 @@ def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
     rows = torch.arange(batch, device=weights.device)
     fewest = torch.full((batch,), atoms + 1, device=weights.device)
     patience = torch.full((batch,), PIVOT_PATIENCE, device=weights.device)
-    for _ in range(PIVOT_ROUNDS):
+    for number in range(1, 1 + PIVOT_ROUNDS):
         point, failed = _solve_support(problems, passive, RIDGE)
         dual = _dual(problems, point)
         swap = (passive & (point < -OPTIMALITY_TOLERANCE)) | (
@@ -266,12 +271,16 @@ def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
         better = count < fewest
         patience = torch.where(better, PIVOT_PATIENCE, patience - 1)
         fewest = torch.minimum(fewest, count)
-        keep = ((count > 0) & ~failed & (patience > 0)).nonzero()[:, 0]
+        passive = passive ^ swap  # stays as it is where a problem is solved
+        if rows.is_cuda and number % CUDA_ROUNDS:
+            continue
+        still = (count > 0) | failed if rows.is_cuda else (count > 0) & ~failed & (patience > 0)
+        keep = still.nonzero()[:, 0]
+        problems, rows = problems.take(keep), rows[keep]
+        passive, fewest, patience = passive[keep], fewest[keep], patience[keep]
         if not keep.numel():
             break
-        problems, rows = problems.take(keep), rows[keep]
-        passive, fewest, patience = (passive ^ swap)[keep], fewest[keep], patience[keep]
-    return weights, solved
+    return weights, rows if rows.is_cuda else (~solved).nonzero()[:, 0]
 
 
 def _active_set(problems: _Problems, start: Tensor, passes: int) -> tuple[Tensor, Tensor]:

@@ -21,6 +21,8 @@ from .status import STATUS_DTYPE, Status
 BACKTRACK = 0.25
 # Shortest fraction of a step that is tried: below it the weights are as good as they get.
 SHORTEST = 1e-4
+# Steps after which a GPU is asked whether all problems have converged: the host waits to know it.
+CUDA_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,8 @@ def sparse_nnls(
     step, last, free = torch.zeros_like(x), gradient, torch.zeros_like(x).bool()
     squared = torch.zeros_like(length)  # length of the last gradient in the metric 1 / diagonal
     open_ = violation(x, gradient, rhs, inverse) > tolerance  # [C]
-    for _ in range(steps):
-        if not bool(open_.any()):
+    for number in range(steps):
+        if (not x.is_cuda or number % CUDA_STEPS == 0) and not bool(open_.any()):
             break
         now = (x > 0.0) | (gradient < 0.0)
         descent = -inverse * gradient * now
@@ -91,7 +93,7 @@ def sparse_nnls(
         free_end = x + reach * step
         moved, changed = free_end.clamp(min=0.0), gradient + reach * along
         bounded = (free_end < 0.0).any(0)
-        if bool(bounded.any()):
+        if x.is_cuda or bool(bounded.any()):
             changed = torch.where(bounded, times(moved) - rhs, changed)
         found = _value(moved, changed, rhs)
         better = found <= value

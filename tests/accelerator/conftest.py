@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.accelerator.simulation import simulated_cuda
-from tests.accelerator.tally import Tally
+from spmm_torch.benchmark.launches.simulation import simulated_cuda
+from spmm_torch.benchmark.launches.tally import Tally
 
 
 @pytest.fixture

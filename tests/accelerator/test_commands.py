@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from spmm_torch import SPMM
+from spmm_torch.benchmark.launches.tally import Tally
 from spmm_torch.cli.main import main
 from spmm_torch.data.codecs import openexr
 from spmm_torch.evaluate import planes, spheres
 from spmm_torch.figures import FIGURES, sampling
 from spmm_torch.render import RenderSettings
-from tests.accelerator.tally import Tally
 from tests.planted.btfs import rough_btf
 from tests.planted.models import FEW_RINGS, planted_model, with_components, with_relief
 from tests.planted.runs import make_run, model_folder, save

@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from spmm_torch import FitConfig
+from spmm_torch.benchmark.launches.tally import Tally
 from spmm_torch.data import blocks
 from spmm_torch.fit import FitResult, fit
 from spmm_torch.fit.select import alternate
 from spmm_torch.geometry.directions import ring_directions
-from tests.accelerator.tally import Tally
 from tests.planted.btfs import rough_btf
 from tests.planted.reliefs import planted_relief
 from tests.planted.settings import FLAT
@@ -40,6 +40,11 @@ QUICK: dict[str, Any] = {
 CASES: dict[str, dict[str, Any]] = {
     "clusters' residual": {**FLAT, "search": {"exchanges": 2, "restarts": 2}},
     "both residuals": {"relief": {"mode": "off"}, "residual": {"clusters": True}},
+    "by a pilot, of lobes of its own": {
+        "relief": {"mode": "off"},
+        "select": {"pilot": 2},
+        "dictionary": {"scope": "cluster"},
+    },
     "glossy, by a pilot": {
         "relief": {"mode": "off"},
         "weights": {"error": "cube-root"},

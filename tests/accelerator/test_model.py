@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from spmm_torch import SPMM
+from spmm_torch.benchmark.launches.tally import Tally
 from spmm_torch.geometry.directions import RULES
 from spmm_torch.runtime import tensor_file
-from tests.accelerator.tally import Tally
 from tests.planted.directions import random_directions
 from tests.planted.models import (
     FEW_RINGS,

@@ -10,8 +10,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from tests.accelerator.simulation import simulated_cuda
-from tests.accelerator.tally import TO_DEVICE, TO_HOST, Tally
+from spmm_torch.benchmark.launches.simulation import simulated_cuda
+from spmm_torch.benchmark.launches.tally import TO_DEVICE, TO_HOST, Tally
 
 HERE = "accelerator/test_simulation.py"
 REFUSED: dict[str, tuple[Callable[[Tensor, Tensor], object], str]] = {

@@ -111,6 +111,21 @@ def results() -> Results:
             "machine": {"flops_per_second": 3.5e11, "bytes_per_second": 2.2e10},
             "rows": [{**limit, "fraction": 0.2, "counted_fraction": None}],
         },
+        "launches": {
+            "launch_seconds": 5e-6,
+            "rows": [
+                {
+                    "stage": "search",
+                    "launches": 21_996,
+                    "waits": 280,
+                    "bytes_to_device": 4096,
+                    "bytes_to_host": 0,
+                    "seconds": 0.11,
+                }
+            ],
+            "launches": [{"line": "lobes/batch.py:200", "count": 3630}],
+            "waits": [{"line": "solvers/nnls.py:148 nonzero", "count": 112}],
+        },
     }
 
 
@@ -145,6 +160,8 @@ def test_every_part_is_shown(results: Results, tmp_path: Path) -> None:
     assert rows["log"][5:7] == ["0.7800", "–"]
     assert rows["texels"][3:9] == ["−0.07"] * 5 + ["–"]
     assert rows["Load"][1:4] == ["50.0 ms", "2.0 Gflop", "2.00 kB"]
+    assert rows["Search"][1:6] == ["21,996", "280", "4.00 kB", "0 bytes", "0.11 s"]
+    assert rows["solvers/nnls.py:148 nonzero"][1] == "112"
     assert "neural BTF was skipped: it needs another package." in rows
     assert not re.search(r"\b(nan|inf|None)\b", text)
 
@@ -158,6 +175,7 @@ def test_every_part_is_shown(results: Results, tmp_path: Path) -> None:
         ("weightings", "Weighting of errors"),
         ("scaling", "Scaling"),
         ("limits", "Stages against their limits"),
+        ("launches", "What a GPU is asked"),
     ],
 )
 def test_a_part_that_was_not_measured_is_left_out(

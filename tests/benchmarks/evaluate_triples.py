@@ -21,7 +21,8 @@ from torch import Tensor
 
 from spmm_torch import SPMM
 from spmm_torch.geometry.directions import direction_from_angles, texel_at
-from spmm_torch.lobes.batch import CPU_BLOCK, LobeBatch, eval_model
+from spmm_torch.lobes.batch import CPU_BLOCK, LobeBatch
+from spmm_torch.lobes.values import eval_model
 from tests.benchmarks.render_sphere import CLUSTER_LOBES, CLUSTERS, LOBES, TEXELS, best_time
 from tests.planted.models import planted_model
 

@@ -119,12 +119,20 @@ def test_headlines_print_leads_exponents_and_fractions() -> None:
         "limits": {
             "rows": [{"stage": "select", "fraction": 0.42}, {"stage": "x", "fraction": None}]
         },
+        "launches": {
+            "rows": [
+                {"stage": "search", "launches": 9, "waits": 9, "seconds": 9.0},
+                {"stage": "total", "launches": 39_000, "waits": 1390, "seconds": 0.195},
+            ]
+        },
     }
     assert headlines(results) == [
         "wool: local PCA is ahead by up to 1.25 dB from 9.0 bytes a texel",
         "time grows with texels to the power 0.99 (cpu, 2 threads)",
         "time grows with texels to the power too fast to tell (cpu, 2 threads)",
         "select: 42 % of its limit",
+        "a GPU would be asked for 39,000 operations, 0.20 s to launch, and the host would wait "
+        "1,390 times",
     ]
 
 
@@ -148,6 +156,9 @@ def check_parts(results: Results) -> None:
     assert set(PARTS) <= set(results)
     assert {row["name"] for row in results["sweep"]["rows"]} >= set(SHIPPED)
     assert [row["stage"] for row in results["limits"]["rows"]] == list(STAGES)
+    stages = {row["stage"]: row["launches"] for row in results["launches"]["rows"]}
+    assert stages["search"] > 0
+    assert 0 <= stages["total"] - sum(n for name, n in stages.items() if name != "total") < 100
     for row in results["sweep"]["rows"]:
         assert row["seconds"]["fastest"] <= row["seconds"]["median"] <= row["seconds"]["slowest"]
         assert row["bytes"]["total"] > 0

@@ -8,7 +8,15 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spmm_torch.lobes.ragged import COUNTED, ranges, run_starts, stable_order
+from spmm_torch.lobes.ragged import (
+    COUNTED,
+    in_spans,
+    ranges,
+    run_starts,
+    spans_within,
+    stable_order,
+)
+from spmm_torch.runtime.memory import slices
 
 
 @pytest.mark.parametrize("count", [1, 300, COUNTED, COUNTED + 1])
@@ -18,6 +26,18 @@ def test_order_is_numpys_stable_one(count: int, dtype: torch.dtype) -> None:
     key[0] = count - 1
     expected = np.argsort(key.numpy(), kind="stable")
     assert np.array_equal(stable_order(key, count).numpy(), expected)
+
+
+@given(st.lists(st.integers(0, 4), max_size=30), st.integers(1, 7))
+def test_spans_are_the_runs_of_the_sorted_keys(keys: list[int], size: int) -> None:
+    order, spans = in_spans(torch.tensor(keys, dtype=torch.long), 5)
+    ordered = [keys[place] for place in order.tolist()]
+    found = [value for value, own in spans for _ in ordered[own]]
+    assert found == ordered == sorted(keys) and all(own.start < own.stop for _, own in spans)
+    parts = [spans_within(spans, part) for part in slices(len(keys), size)]
+    flat = [(value, own) for part in parts for value, own in part]
+    assert [value for value, own in flat for _ in range(own.start, own.stop)] == ordered
+    assert all(own.start >= 0 and own.stop <= size for _, own in flat)
 
 
 @given(st.lists(st.tuples(st.integers(0, 2), st.integers(0, 2)), min_size=1, max_size=30))

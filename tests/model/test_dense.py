@@ -176,7 +176,8 @@ def test_one_graph_serves_all_sizes_of_a_batch() -> None:
 
     compiled = torch.compile(model, backend=backend, dynamic=True, fullgraph=True)
     with torch.no_grad():
-        for count in (7, 3, 40):
+        # torch takes sizes that are alike in the first call for one: none of the model's is 101.
+        for count in (101, 3, 40):
             given = queries(count)
             torch.testing.assert_close(compiled(*given), model(*given), rtol=1e-12, atol=1e-14)
     assert len(graphs) == 1

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import platformdirs
 import pytest
 import torch
 
@@ -67,7 +68,7 @@ def test_space_that_cannot_be_reserved(
 @pytest.mark.parametrize("home", ["", "~", "relative"])
 def test_a_user_without_a_home(home: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path))
-    monkeypatch.setattr(cache, "user_cache_path", lambda name: Path(home) / name)
+    monkeypatch.setattr(platformdirs, "user_cache_path", lambda name: Path(home) / name)
     assert cache.default_folder().parent == tmp_path
     assert cache.entries() == [] and cache.clear() == (0, 0)
 
@@ -76,7 +77,7 @@ def test_a_user_whom_the_system_does_not_know(monkeypatch: pytest.MonkeyPatch) -
     def unknown(_: str) -> Path:
         raise RuntimeError("Could not determine home directory.")
 
-    monkeypatch.setattr(cache, "user_cache_path", unknown)
+    monkeypatch.setattr(platformdirs, "user_cache_path", unknown)
     assert cache.default_folder().is_absolute()
 
 

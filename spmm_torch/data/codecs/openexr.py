@@ -7,13 +7,15 @@ other channels and the display window are ignored. The OpenEXR library reads and
 from __future__ import annotations
 
 import io
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import OpenEXR
 
 from ..codes import Expansion, FloatExpansion
 from .exr_layers import Layer, find_layer
+
+if TYPE_CHECKING:
+    import OpenEXR
 
 TITLE = "OpenEXR"
 SUFFIXES = (".exr",)
@@ -74,6 +76,8 @@ def encode(picture: np.ndarray) -> bytes:
         raise ValueError(f"values have shape {list(picture.shape)}; expected [H, W, 3]")
     if picture.dtype not in FLOAT_TYPES:
         raise ValueError(f"values have type {picture.dtype}; expected float16 or float32")
+    import OpenEXR  # needed by few
+
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     # The library writes strided arrays wrongly, without an error.
     file = OpenEXR.File(header, {"RGB": np.ascontiguousarray(picture)})
@@ -84,6 +88,8 @@ def encode(picture: np.ndarray) -> bytes:
 
 def _open(payload: bytes, **options: bool) -> OpenEXR.File:
     """The file as the library opens it, with at least one part."""
+    import OpenEXR  # needed by few
+
     try:
         file = OpenEXR.File(io.BytesIO(payload), **options)
     except (RuntimeError, ValueError, TypeError) as error:

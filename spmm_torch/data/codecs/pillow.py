@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 
-import imagecodecs
 import numpy as np
 from PIL import Image
 
@@ -101,6 +100,8 @@ def _decode_deep_png(image: Image.Image, payload: bytes) -> np.ndarray:
     """Codes `[H, W, B]` uint16 of a PNG of 16 bits."""
     if "transparency" in image.info:
         raise ValueError("one of its colours is transparent; save it without transparency")
+    import imagecodecs  # needed by few, and slow to load
+
     try:
         codes = imagecodecs.png_decode(payload)
     except imagecodecs.PngError as error:

@@ -19,8 +19,9 @@ from ...report.contract import Ablation
 from ..dictionary import Dictionary
 from ..problem import Problem
 from ..select.products import Products, cluster_products
-from ..select.target import target_beside_residual
+from ..select.target import Target, target_beside_residual
 from ..select.texels import Fit, select, squared_errors
+from ..select.together import closed
 
 # Texels of the ablation, drawn at random.
 ABLATION_TEXELS = 128
@@ -46,15 +47,11 @@ def _ablation(problem: Problem, labels: Tensor, dictionary: Dictionary) -> Ablat
     groups = list(_groups(problem, texels, labels, dictionary))
     energy = sum(float(products.total(products.energy)) for products, _ in groups)
 
-    def decibels(dropped: int | None) -> float:
-        kept = (
-            products if dropped is None else with_atoms(products, model != dropped)
-            for products, model in groups
-        )
-        return snr_db(energy, sum(_error(products, problem) for products in kept))
-
-    without = {MODEL_NAMES[model]: decibels(model) for model, _ in dictionary.lobes.by_model()}
-    return Ablation(len(texels), decibels(None), without)
+    models = [model for model, _ in dictionary.lobes.by_model()]
+    rows = [_errors(products, model, models, problem) for products, model in groups]
+    whole, *without = (snr_db(energy, sum(errors)) for errors in zip(*rows, strict=True))
+    names = (MODEL_NAMES[model] for model in models)
+    return Ablation(len(texels), whole, dict(zip(names, without, strict=True)))
 
 
 def _groups(
@@ -73,6 +70,37 @@ def _groups(
             importance=problem.importance(own),
         )
         yield products, dictionary.lobes.model[choice]
+
+
+def _errors(products: Products, model: Tensor, dropped: list[int], problem: Problem) -> list[float]:
+    """Squared errors with all lobes, of models `[J]`, and without those of each model dropped."""
+    if products.gram.is_cuda and problem.config.select.method != "stagewise":
+        return _errors_together(products, model, dropped, problem)
+    kept = [products, *(with_atoms(products, model != each) for each in dropped)]
+    return [_error(each, problem) for each in kept]
+
+
+def _errors_together(
+    products: Products, model: Tensor, dropped: list[int], problem: Problem
+) -> list[float]:
+    """`_errors` on a GPU: every texel chooses as often as there are errors, all at once."""
+    model, times = model.to(products.gram.device), 1 + len(dropped)
+    kept = torch.stack([torch.ones_like(model).bool(), *(model != each for each in dropped)])
+    importance = products.importance
+    many = replace(
+        products,
+        correlation=products.correlation.repeat(times, 1, 1),
+        energy=products.energy.repeat(times, 1),
+        importance=None if importance is None else importance.repeat(times),
+    )
+    count = len(products.energy)
+    open_ones = closed(many.correlation, kept.repeat_interleave(count, 0))
+    config = problem.config
+    fit = select(many, Target(open_ones, many.energy), config.select, config.stagewise)
+    errors = squared_errors(many, fit)
+    if many.importance is not None:
+        errors = errors * many.importance
+    return errors.view(times, count).sum(1).tolist()
 
 
 def _error(products: Products, problem: Problem) -> float:

@@ -121,7 +121,7 @@ def left_over(
         picture = pictures.views(view, view + 1)[:, 0].to(device)
         if lookups.pixel is not None:
             picture = picture * lookups.pixel[:, None, None]
-        drawn = lookups.drawn(view)
+        drawn = lookups.drawn(slice(view, view + 1))
         left = picture.flatten(1) - drawn @ value.flatten(1)
         seen = drawn @ member  # [T, K]
         products[view] = (seen.T @ left).view(-1, *shape)

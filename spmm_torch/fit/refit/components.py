@@ -7,12 +7,14 @@ from torch import Tensor
 
 from ...model.lookup import SparseWeights
 from .lookups import Lookups
-from .matrices import joint_matrix, products_at
+from .matrices import joint_matrix, products_at, rows_by_view, side_by_side
 
 # Ridge of the preconditioner, relative to its mean diagonal: functions may vanish in some views.
 RIDGE = 1e-4
 # Squared gradient, relative to that of zeros, at which coefficients are as good as their bytes.
 CONVERGED = 1e-5
+# Steps after which a GPU is asked whether that is reached: the host waits to know it.
+CUDA_STEPS = 4
 
 
 def first_coefficients(
@@ -49,8 +51,8 @@ def gram_by_view(functions: Tensor, scale: Tensor | None) -> Tensor:
 def seen(coefficient: Tensor, gram: Tensor, lookups: Lookups) -> Tensor:
     """The normal matrix of the coefficients times `coefficient [T, R]`."""
     total = torch.zeros_like(coefficient)
-    for view in range(lookups.views):
-        total += lookups.squared(view, coefficient @ gram[view])
+    for run in lookups.runs():
+        total += lookups.squared(run, rows_by_view(coefficient @ side_by_side(gram[run]), run))
     return total
 
 
@@ -77,8 +79,9 @@ def coefficients(
     step = left @ inverse
     size = (left * step).sum()
     tiny = torch.finfo(size.dtype).tiny
-    for _ in range(steps):
-        if not bool(size > CONVERGED * first):
+    for number in range(steps):
+        asked = not size.is_cuda or number % CUDA_STEPS == 0
+        if asked and not bool(size > CONVERGED * first):
             break
         along = seen(step, gram, lookups)
         reach = size / (step * along).sum().clamp(min=tiny)
@@ -86,7 +89,7 @@ def coefficients(
         left = left - reach * along
         scaled = left @ inverse
         before, size = size, (left * scaled).sum()
-        step = scaled + (size / before) * step
+        step = scaled + (size / before.clamp(min=tiny)) * step
     return found
 
 
@@ -116,9 +119,10 @@ def seen_by_lobes(
     """
     pattern = joint_matrix(entries, kernel.shape[1])
     total = torch.zeros(entries.weight.numel(), dtype=torch.float64, device=kernel.device)
-    for view in range(lookups.views):
-        shared = kernel[view].flatten(0, 1).T.contiguous()  # [R, J C]
-        total += products_at(pattern, lookups.squared(view, coefficient), shared)
+    for run in lookups.runs():
+        shared = kernel[run].flatten(1, 2).transpose(1, 2).flatten(0, 1)  # [n R, J C]
+        shown = side_by_side(lookups.squared_apart(run, coefficient))  # [T, n R]
+        total += products_at(pattern, shown, shared.contiguous())
     return total.view(entries.weight.shape)
 
 
@@ -127,6 +131,7 @@ def seen_by_components(entries: SparseWeights, kernel: Tensor, lookups: Lookups)
     weights = joint_matrix(entries, kernel.shape[1])
     shape = (len(entries.offset) - 1, kernel.shape[3])
     total = torch.zeros(shape, dtype=torch.float64, device=kernel.device)
-    for view in range(lookups.views):
-        total += lookups.squared(view, weights @ kernel[view].flatten(0, 1))
+    for run in lookups.runs():
+        shown = weights @ side_by_side(kernel[run].flatten(1, 2))  # [T, n R]
+        total += lookups.squared(run, rows_by_view(shown, run))
     return total

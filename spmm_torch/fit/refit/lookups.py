@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from ...geometry.relief import HeightField
+from ...runtime.memory import slices
 from ...runtime.sparse import csr_matrix
 from .matrices import matrix_of
 
@@ -19,6 +20,9 @@ from .matrices import matrix_of
 CORNER_PAIRS = tuple((a, b) for a in range(4) for b in range(a, 4))
 # Neighbours of a texel that its pixels may share, half of the 3 x 3 around it: (rows, columns).
 HALF = ((0, 0), (0, 1), (1, -1), (1, 0), (1, 1))
+# Pixels of the views that a GPU takes at once: 2 GB of values under 81 lights. A CPU takes one
+# view, whose values then stay in its caches.
+CUDA_PIXELS = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,9 @@ class Lookups:
     width: int
     mixed: bool
     pixel: Tensor | None = None
-    _gathered: dict[int, Tensor] = field(default_factory=dict, repr=False, compare=False)
+    _gathered: dict[tuple[int, int, bool], Tensor] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     @classmethod
     def build(
@@ -68,55 +74,106 @@ class Lookups:
         pixel = importance.float().sqrt().to(device)
         return cls(texel, weight * pixel[:, None], height, width, mixed, pixel)
 
-    def squared(self, view: int, values: Tensor) -> Tensor:
-        """W_v^T W_v times values `[T, R]`."""
+    def squared(self, run: slice, values: Tensor) -> Tensor:
+        """W_v^T W_v times values `[n T, R]` of n consecutive views, summed over them, `[T, R]`."""
         if not self.mixed:
-            return values * self.weight[view].square().sum(1)[:, None]
-        return self.gathered(view) @ (self.drawn(view) @ values)
+            own = values * self._own_squares(run)
+            return own if len(own) == self.texel.shape[1] else self._by_view(own).sum(0)
+        return self.gathered(run) @ (self.drawn(run, apart=True) @ values)
+
+    def squared_apart(self, run: slice, values: Tensor) -> Tensor:
+        """W_v^T W_v times the same values `[T, R]` in each of n consecutive views, `[n, T, R]`."""
+        if not self.mixed:
+            return values * self._by_view(self._own_squares(run))
+        return self._by_view(self.gathered(run, apart=True) @ (self.drawn(run) @ values))
+
+    def _own_squares(self, run: slice) -> Tensor:
+        """Squared weights of the pixels of views that each show their own texel, `[n T, 1]`."""
+        return self.weight[run].square().sum(2).view(-1, 1)
+
+    def _by_view(self, rows: Tensor) -> Tensor:
+        """Rows `[n T, R]` of n views as `[n, T, R]`."""
+        return rows.view(-1, self.texel.shape[1], rows.shape[1])
 
     @property
     def views(self) -> int:
         """V."""
         return len(self.texel)
 
-    def drawn(self, view: int) -> Tensor:
-        """W_v, sparse CSR `[T, T]`: from texels to pixels."""
-        texels = self.texel.shape[1]
-        rows = torch.arange(0, 4 * texels + 1, 4, dtype=torch.int32, device=self.texel.device)
-        weight = self.weight[view].flatten()
-        return csr_matrix(rows, self.texel[view].flatten(), weight, (texels, texels))
+    def runs(self, first: int = 0, last: int | None = None) -> list[slice]:
+        """Consecutive views from `first` up to `last`, as many at once as the device takes."""
+        last = self.views if last is None else last
+        size = max(CUDA_PIXELS // self.texel.shape[1], 1) if self.texel.is_cuda else 1
+        return [slice(first + run.start, first + run.stop) for run in slices(last - first, size)]
 
-    def gathered(self, view: int) -> Tensor:
-        """W_v^T, sparse CSR `[T, T]`: from pixels to texels; kept, as every step needs it."""
-        view = view if self.mixed else 0  # all views of a flat surface show the same
-        if view not in self._gathered:
-            self._gathered[view] = self._transposed(view)
-        return self._gathered[view]
+    def drawn(self, run: slice, apart: bool = False) -> Tensor:
+        """W_v of n consecutive views, one under the other, sparse CSR: from texels to pixels.
 
-    def _transposed(self, view: int) -> Tensor:
+        Args:
+            run: the views.
+            apart: whether each view has texels of its own, `[n T, n T]`; else all have the same,
+                `[n T, T]`.
+        """
+        views, texels = run.stop - run.start, self.texel.shape[1]
+        pixels = views * texels
+        rows = torch.arange(0, 4 * pixels + 1, 4, dtype=torch.int32, device=self.texel.device)
+        column, weight = self._texels(run, apart).flatten(), self.weight[run].flatten()
+        return csr_matrix(rows, column, weight, (pixels, pixels if apart else texels))
+
+    def gathered(self, run: slice, apart: bool = False) -> Tensor:
+        """W_v^T of n consecutive views, side by side, sparse CSR: from pixels to texels.
+
+        It is kept, as every step needs it.
+
+        Args:
+            run: the views.
+            apart: whether each view has texels of its own, `[n T, n T]`; else all have the same,
+                `[T, n T]`.
+        """
+        # All views of a flat surface show the same.
+        views = run.stop - run.start
+        key = (run.start if self.mixed else 0, views, apart and views > 1)
+        if key not in self._gathered:
+            self._gathered[key] = self._transposed(run, apart)
+        return self._gathered[key]
+
+    def _transposed(self, run: slice, apart: bool) -> Tensor:
         """`gathered`, made anew."""
-        texels = self.texel.shape[1]
-        pixel = torch.arange(texels, device=self.texel.device).repeat_interleave(4)
-        texel, weight = self.texel[view].flatten(), self.weight[view].flatten()
-        return matrix_of(texel, pixel, weight, (texels, texels))
+        views, texels = run.stop - run.start, self.texel.shape[1]
+        pixels = views * texels
+        pixel = torch.arange(pixels, device=self.texel.device).repeat_interleave(
+            4, output_size=4 * pixels
+        )
+        texel, weight = self._texels(run, apart).flatten(), self.weight[run].flatten()
+        return matrix_of(texel, pixel, weight, (pixels if apart else texels, pixels))
+
+    def _texels(self, run: slice, apart: bool) -> Tensor:
+        """Texels `[n, T, 4]` of n views, counted on from view to view if they are to be `apart`."""
+        texel, views = self.texel[run], run.stop - run.start
+        if not apart or views == 1:
+            return texel
+        own = torch.arange(views, dtype=texel.dtype, device=texel.device) * texel.shape[1]
+        return texel + own[:, None, None]
 
     def squares(self) -> Tensor:
         """W_v^T W_v of all views, `[V, T, 5]`: of each texel and its neighbours in `HALF`."""
         views, texels = self.texel.shape[:2]
         table = torch.zeros(views, texels * len(HALF), device=self.texel.device)
-        for own, texel, weight in zip(table, self.texel, self.weight, strict=True):
-            self._add_squares(own, texel, weight)  # what a view takes stays in the caches
+        for run in self.runs():
+            self._add_squares(table[run].flatten(), run)
         return table.view(views, texels, len(HALF))
 
-    def _add_squares(self, table: Tensor, texel: Tensor, weight: Tensor) -> None:
-        """Adds those of one view to `table [T 5]`, given its texels and weights `[T, 4]`."""
+    def _add_squares(self, table: Tensor, run: slice) -> None:
+        """Adds those of n views to `table [n T 5]`."""
+        texel, weight = self.texel[run].flatten(0, 1), self.weight[run].flatten(0, 1)  # [n T, 4]
+        own = self._texels(run, apart=True).flatten(0, 1)
         row, column = texel // self.width, texel % self.width
         for a, b in CORNER_PAIRS:
             # Equal at the border of a mirrored texture, and in one of a single row or column.
             down = (row[:, a] != row[:, b]).long()  # [T]
             right = (column[:, a] != column[:, b]) * (b % 2 - a % 2)
             back = (down == 0) & (right < 0)  # (0, -1) is (0, 1) of the other corner
-            first = torch.where(back, texel[:, b], texel[:, a]).long()
+            first = torch.where(back, own[:, b], own[:, a]).long()
             right = torch.where(back, 1, right)
             slot = torch.where(down > 0, 3 + right, right)
             product = weight[:, a] * weight[:, b]
@@ -128,7 +185,7 @@ class Lookups:
 def _seen(surface: HeightField, view: Tensor, drift: Tensor | None) -> tuple[Tensor, Tensor]:
     """Texels `[V, T, 4]` int32 and weights `[V, T, 4]` of views `[V, 3]` that drift `[V, 2]`."""
     texels, weights = [], []
-    for v in range(len(view)):  # a view has texels enough to fill a device
+    for v in range(len(view)):  # on the CPU, whose caches a view fills
         found = surface.footprint(view[v : v + 1], None if drift is None else drift[v : v + 1])
         texels.append(found.texel[0].int())
         weights.append(found.weight[0].float())

@@ -55,7 +55,23 @@ def solve_with_ridge(gram: Tensor, rhs: Tensor, ridge: float) -> Tensor:
     mean = gram.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None]
     added = ridge * mean.clamp(min=torch.finfo(mean.dtype).tiny)
     matrix = gram + added * torch.eye(gram.shape[-1], dtype=gram.dtype, device=gram.device)
-    return torch.linalg.solve(matrix.double(), rhs.double()).to(rhs)
+    # The ridge leaves no matrix singular; a check would let the host wait.
+    return torch.linalg.solve_ex(matrix.double(), rhs.double()).result.to(rhs)
+
+
+def side_by_side(parts: Tensor) -> Tensor:
+    """Matrices `[n, A, B]` side by side, `[A, n B]`, so that one product serves all."""
+    return parts.transpose(0, 1).flatten(1)
+
+
+def rows_by_view(columns: Tensor, run: slice) -> Tensor:
+    """Columns `[T, n B]` of the n views of a run as rows `[n T, B]`, view by view."""
+    return columns.unflatten(1, (run.stop - run.start, -1)).transpose(0, 1).flatten(0, 1)
+
+
+def columns_by_view(rows: Tensor, run: slice) -> Tensor:
+    """Rows `[n T, B]` of the n views of a run, view by view, as columns `[T, n B]`."""
+    return side_by_side(rows.unflatten(0, (run.stop - run.start, -1)))
 
 
 def products_at(pattern: Tensor, left: Tensor, right: Tensor) -> Tensor:

@@ -15,7 +15,13 @@ from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
-from .matrices import channel_matrices, matrix_of, products_at
+from .matrices import (
+    channel_matrices,
+    columns_by_view,
+    matrix_of,
+    products_at,
+    rows_by_view,
+)
 
 
 @dataclass(frozen=True)
@@ -71,21 +77,23 @@ def project(
     """
     device, channels = rho.device, pictures.channels
     lobes = torch.zeros(len(entries.index), channels, dtype=torch.float64, device=device)
-    sums = torch.zeros(2, dtype=torch.float64)
+    sums = torch.zeros(2, dtype=torch.float64, device=device)
     members = _members(labels.to(device), lookups.pixel)
     pattern = channel_matrices(entries, rho.shape[1])[0]
-    for view in ranks.share(torch.arange(lookups.views)).tolist():
-        picture = pictures.planes(view).to(device)  # [C, T, L]
+    for run in lookups.runs(*ranks.span(lookups.views)):
+        picture = pictures.planes(run.start, run.stop).to(device)  # [C, T, n L]
         if scale is not None:
-            picture = picture * scale.view(lookups.views, -1)[view]
+            picture = picture * scale.view(lookups.views, -1)[run].flatten()
         if lookups.pixel is not None:
             picture = picture * lookups.pixel[:, None]
-        sums += _sums(picture, members)
-        gathered, own = lookups.gathered(view), rho[view].T.contiguous()
+        sums = sums + _sums(picture, members)
+        gathered = lookups.gathered(run, apart=True)
+        own = rho[run].transpose(1, 2).flatten(0, 1).contiguous()  # [n L, J]
         for channel, plane in enumerate(picture):
-            lobes[:, channel] += products_at(pattern, gathered @ plane, own)
-        advance(ranks.size)
-    energy, means = ranks.sum(sums).tolist()
+            shown = columns_by_view(gathered @ rows_by_view(plane, run), run)
+            lobes[:, channel] += products_at(pattern, shown, own)
+        advance(ranks.size * (run.stop - run.start))
+    energy, means = ranks.sum(sums.cpu()).tolist()
     return Projections(ranks.sum(lobes), energy, means)
 
 
@@ -115,4 +123,4 @@ def _sums(picture: Tensor, members: tuple[Tensor, Tensor]) -> Tensor:
     energy = torch.linalg.vector_norm(picture, dim=2).double().square().sum()
     total = torch.stack([matrix @ plane for plane in picture]).double()  # [C, K, L]
     means = (total.square() / count[:, None]).sum()
-    return torch.stack((energy, means)).cpu()
+    return torch.stack((energy, means))

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...model.lookup import SparseWeights
-from ...model.stored_weights import decode_weights, encode_weights, is_coded
+from ...model.stored_weights import encode_weights, is_coded, weight_table, weights_at
 from .normal import NormalMatrix
 
 # Rounds of moves, and the share of all weights that may move in one: moves of neighbours would
@@ -41,25 +41,27 @@ def rounded_together(
     code, limits = encode_weights(entries.weight, kind)
     last = torch.iinfo(kind).max
     place = code.long()
-    weight = decode_weights(place, limits, last)
+    table = weight_table(limits, last)
+    weight = weights_at(place, table)
     value, gradient = _value(weight, normal, products)
-    for _ in range(ROUNDS):
+    drawn = [torch.rand(place.shape, generator=generator) < SHARE for _ in range(ROUNDS)]
+    for chance in torch.stack(drawn).to(place.device):
         # The least and the largest place stay, as the scale follows from them.
-        movable = (place > 2) & (place < last - 1)
-        movable &= (torch.rand(place.shape, generator=generator) < SHARE).to(place.device)
+        movable = (place > 2) & (place < last - 1) & chance
         moves = torch.stack((place - 1, place + 1)).clamp(0, last)
-        change = torch.stack([decode_weights(each, limits, last) for each in moves]) - weight
+        change = weights_at(moves, table) - weight
         gain = change * (gradient + 0.5 * normal.diagonal[:, None] * change)  # [2, N, C]
         best, way = gain.min(0)
         moved = torch.where(movable & (best < 0.0), moves.gather(0, way[None])[0], place)
-        found = decode_weights(moved, limits, last)
+        found = weights_at(moved, table)
         lower, steeper = _value(found, normal, products)
-        if lower < value:
-            place, weight, value, gradient = moved, found, lower, steeper
+        better = lower < value  # not read: the host would wait
+        place, weight = torch.where(better, moved, place), torch.where(better, found, weight)
+        value, gradient = torch.minimum(lower, value), torch.where(better, steeper, gradient)
     return replace(entries, weight=weight.to(entries.weight))
 
 
-def _value(weight: Tensor, normal: NormalMatrix, products: Tensor) -> tuple[float, Tensor]:
-    """Half of the squared error, less a constant, and its gradient `[N, C]`."""
+def _value(weight: Tensor, normal: NormalMatrix, products: Tensor) -> tuple[Tensor, Tensor]:
+    """Half of the squared error, less a constant, `[]` float64, and its gradient `[N, C]`."""
     gradient = normal.matrix @ weight - products.float()
-    return 0.5 * float((weight.double() * (gradient.double() - products)).sum()), gradient
+    return 0.5 * (weight.double() * (gradient.double() - products)).sum(), gradient

@@ -17,7 +17,7 @@ from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
-from .matrices import channel_matrices, solve_with_ridge
+from .matrices import channel_matrices, rows_by_view, side_by_side, solve_with_ridge
 
 # Ridge relative to the mean diagonal: views that show little leave functions undetermined.
 RIDGE = 1e-4
@@ -80,20 +80,37 @@ def sweep(
     functions = torch.zeros(lookups.views, rank, lights, channels, device=device)
     products = torch.zeros(coefficient.shape, dtype=torch.float64, device=device)
     weights = channel_matrices(entries, rho.shape[1])
-    for view in ranks.share(torch.arange(lookups.views)).tolist():
-        picture = pictures.planes(view).to(device)  # [C, T, L]
+    for run in lookups.runs(*ranks.span(lookups.views)):
+        picture = pictures.planes(run.start, run.stop).to(device)  # [C, T, n L]
         if lookups.pixel is not None:
             picture = picture * lookups.pixel[:, None]
-        drawn = lookups.drawn(view)
-        for plane, weight in zip(picture, weights, strict=True):
-            plane -= drawn @ (weight @ rho[view])  # what the lobes leave
-        seen = drawn @ coefficient  # [T, R]
-        found = solve_with_ridge(seen.T @ seen, seen.T @ picture, RIDGE)  # [C, R, L]
+        drawn = lookups.drawn(run, apart=True)
+        rows = picture.unflatten(2, (-1, lights)).transpose(1, 2).flatten(1, 2)  # [C, n T, L]
+        for plane, weight in zip(rows, weights, strict=True):
+            plane -= drawn @ rows_by_view(weight @ side_by_side(rho[run]), run)  # what lobes leave
+        left = rows.unflatten(1, (-1, len(coefficient))).transpose(0, 1)  # [n, C, T, L]
+        seen = (lookups.drawn(run) @ coefficient).unflatten(0, (-1, len(coefficient)))  # [n, T, R]
+        found = solve_with_ridge(*_normal_equations(seen, left), RIDGE)  # [n, C, R, L]
         if kept is not None:
-            found = found * kept[view]
-        functions[view] = found.permute(1, 2, 0)
+            found = found * kept[run][:, None, None]
+        functions[run] = found.permute(0, 2, 3, 1)
         if scale is not None:
-            found = found * scale.view(-1, lights)[view].square()
-        products += lookups.gathered(view) @ (picture @ found.transpose(1, 2)).sum(0)
-        advance(ranks.size)
+            found = found * scale.view(-1, 1, 1, lights)[run].square()
+        shown = (left @ found.transpose(2, 3)).sum(1)  # [n, T, R]
+        products += lookups.gathered(run) @ shown.flatten(0, 1)
+        advance(ranks.size * (run.stop - run.start))
     return Swept(ranks.sum(functions), ranks.sum(products))
+
+
+def _normal_equations(seen: Tensor, left: Tensor) -> tuple[Tensor, Tensor]:
+    """Matrices `[n, 1, R, R]` and right sides `[n, C, R, L]` of the functions of n views.
+
+    Args:
+        seen: coefficients as the views show them, `[n, T, R]`.
+        left: what they are fit to, `[n, C, T, L]`.
+    """
+    if len(seen) == 1:  # one product of matrices, which a CPU splits among its threads
+        alone = seen[0].T
+        return (alone @ seen[0])[None, None], (alone @ left[0])[None]
+    across = seen.transpose(1, 2)  # [n, R, T]
+    return (across @ seen)[:, None], across[:, None] @ left

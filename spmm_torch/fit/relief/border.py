@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from ...geometry.directions import MIRROR, REPEAT, mirrored
-from .pictures import PictureStack
+from .pictures import PictureStack, added
 from .resample import centres, resampled, within
 
 # Steps towards the place that a pixel shows, where heights change along its ray.
@@ -47,33 +47,34 @@ def continuation(stack: PictureStack, height: Tensor) -> str:
     reference = _reference(replace(stack, repeats=False), height)  # [L, H, W]
     rows, columns = stack.size
     errors = torch.zeros(2, device=height.device)
-    for view in range(len(stack.values)):
-        column, row = _shown(stack, view, height)
-        outside = ~within(column, row, rows, columns) * stack.weight[view][:, None, None]
+    for run in stack.runs():
+        column, row = _shown(stack, run, height)  # [V, H, W]
+        outside = ~within(column, row, rows, columns)[:, None] * stack.weight[run][..., None, None]
         folded = mirrored(column, columns), mirrored(row, rows)
         for rule, (place, repeats) in enumerate((((column, row), True), (folded, False))):
-            expected = resampled(reference, place[0][None], place[1][None], repeats)[0]
-            errors[rule] += (outside * (stack.values[view] - expected).square()).sum()
+            expected = resampled(reference[None], place[0][None], place[1][None], repeats)[0]
+            errors[rule] += (outside * (stack.values[run] - expected).square()).sum()
     return MIRROR if errors[1] < errors[0] else REPEAT
 
 
 def _reference(stack: PictureStack, height: Tensor) -> Tensor:
     """What all views show of the points of `height [H, W]`, on average, `[L, H, W]`."""
     total, seen = torch.zeros((2, *stack.values.shape[1:]), device=height.device)
-    for view in range(len(stack.values)):
-        values, weight = stack.aligned(view, height[None])
-        total += (weight * values)[0]
-        seen += weight.expand_as(values)[0]
+    for run in stack.runs():
+        values, weight = stack.aligned(run, height[None])
+        total += added(weight * values)[0]
+        seen += added(weight.expand_as(values))[0]
     return total / seen.clamp(min=torch.finfo(seen.dtype).tiny)
 
 
-def _shown(stack: PictureStack, view: int, height: Tensor) -> tuple[Tensor, Tensor]:
-    """Columns and rows `[H, W]` of the points that the pixels of a view show, about."""
+def _shown(stack: PictureStack, run: slice, height: Tensor) -> tuple[Tensor, Tensor]:
+    """Columns and rows `[V, H, W]` of the points that the pixels of V views show, about."""
     column, row = centres(*stack.size, height.device)
-    slope, drift = stack.slope[view], stack.drift[view]  # not read: the host would wait
-    at, down = column, row
+    # Not read, since the host would wait: [2, V, 1, 1].
+    slope, drift = (part[run].T[..., None, None] for part in (stack.slope, stack.drift))
+    at, down = (place.expand(slope.shape[1], *stack.size) for place in (column, row))
     for _ in range(PLACE_STEPS):
-        here = resampled(height[None], at[None], down[None], repeats=False)[0, 0]
+        here = resampled(height[None, None], at[None], down[None], repeats=False)[0, :, 0]
         at, down = column + here * slope[0] - drift[0], row + here * slope[1] - drift[1]
     return at, down
 

@@ -89,11 +89,11 @@ def _windows(stack: PictureStack, height: Tensor) -> tuple[Tensor, Tensor]:
     """Aligned pictures `[V, L, h, w]` of the window, and their weights of the same shape."""
     window = (_middle(stack.size[0]), _middle(stack.size[1]))
     pictures, weights = [], []
-    for view in range(len(stack.values)):
-        values, weight = stack.aligned(view, height[None], window)
-        pictures.append(values[0])
-        weights.append(weight.expand_as(values)[0])
-    return torch.stack(pictures), torch.stack(weights)
+    for run in stack.runs():
+        values, weight = stack.aligned(run, height[None], window)
+        pictures.append(values[:, 0])
+        weights.append(weight.expand_as(values)[:, 0])
+    return torch.cat(pictures), torch.cat(weights)
 
 
 def _middle(size: int) -> slice:
@@ -145,7 +145,8 @@ def _gradient_shift(pictures: Tensor, reference: Tensor, known: Tensor) -> tuple
     matrix = normal.sum(1)  # [V, 2, 2]
     ridge = 1e-6 * matrix.diagonal(dim1=1, dim2=2).sum(1) + 1e-12
     matrix = matrix + ridge[:, None, None] * torch.eye(2, device=matrix.device)
-    shift = torch.linalg.solve(matrix, right.sum(1)[..., None])[..., 0]
+    # The ridge leaves no matrix singular; a check would let the host wait.
+    shift = torch.linalg.solve_ex(matrix, right.sum(1)[..., None]).result[..., 0]
     return shift.clamp(-1.0, 1.0), _error_of_lights(matrix, normal, right, shift)
 
 
@@ -160,6 +161,6 @@ def _error_of_lights(matrix: Tensor, normal: Tensor, right: Tensor, shift: Tenso
     """
     lights = normal.shape[1]
     left = right - (normal @ shift[:, None, :, None])[..., 0]  # [V, L, 2], each light's wish
-    wish = torch.linalg.solve(matrix[:, None], left[..., None])[..., 0]
+    wish = torch.linalg.solve_ex(matrix[:, None], left[..., None]).result[..., 0]
     spare = lights / max(lights - 1, 1)
     return (0.5 * spare * wish.square().sum((1, 2))).sqrt()

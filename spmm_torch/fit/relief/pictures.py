@@ -24,8 +24,9 @@ MAX_VIEWS = 64
 LOG_FLOOR = 0.1
 # Least deviation of the logarithms of a picture with texture: 8-bit codes round by about as much.
 LEAST_DEVIATION = 1e-3
-# Values of all candidates at once: 16 MB of float32.
-CHUNK_VALUES = 1 << 22
+# Values of candidates that are held at once: on a CPU, which takes view by view, 16 MB of float32;
+# on a GPU, which takes as many views as there is room for, 0.5 GB.
+CHUNK_VALUES, CUDA_CHUNK_VALUES = 1 << 22, 1 << 27
 
 # Rows and columns of a part of a picture.
 Window = tuple[slice, slice]
@@ -55,22 +56,28 @@ class PictureStack:
         """The number of rows and columns of the pictures."""
         return self.values.shape[2], self.values.shape[3]
 
-    def aligned(self, view: int, height: Tensor, window: Window = WHOLE) -> tuple[Tensor, Tensor]:
-        """What a view shows of points of `height [N, H, W]`, within a window of `[h, w]` texels.
+    def runs(self, candidates: int = 1) -> list[slice]:
+        """Consecutive views that are looked at together, for so many heights of each texel."""
+        room = max(CUDA_CHUNK_VALUES // (candidates * self.values[0].numel()), 1)
+        return list(slices(len(self.values), room if self.values.is_cuda else 1))
+
+    def aligned(self, run: slice, height: Tensor, window: Window = WHOLE) -> tuple[Tensor, Tensor]:
+        """What V views show of points of `height [N, H, W]`, within a window of `[h, w]` texels.
 
         Returns:
-            (values `[N, L, h, w]`, weights `[N, L, h, w]` or of a shape that expands to it: 0
-            where the point lies beyond the picture).
+            (values `[V, N, L, h, w]`, weights of that shape or of one that expands to it: 0 where
+            the point lies beyond the picture).
         """
         column, row = (place[window] for place in centres(*self.size, self.values.device))
         height = height[:, *window]
-        slope, drift = self.slope[view], self.drift[view]  # not read: the host would wait
+        # Not read, since the host would wait: [2, V, 1, 1, 1].
+        slope, drift = (part[run].T[..., None, None, None] for part in (self.slope, self.drift))
         column, row = column - height * slope[0] + drift[0], row - height * slope[1] + drift[1]
-        values = resampled(self.values[view], column, row, self.repeats)
-        weight = self.weight[view][:, None, None]  # [L, 1, 1]
+        values = resampled(self.values[run], column, row, self.repeats)
+        weight = self.weight[run][:, None, :, None, None]  # [V, 1, L, 1, 1]
         if self.repeats:
-            return values, weight[None]
-        return values, weight * within(column, row, *self.size)[:, None]
+            return values, weight
+        return values, weight * within(column, row, *self.size)[:, :, None]
 
     def disagreement(self, height: Tensor) -> Tensor:
         """Variance over views, mean over lights `[N, H, W]`, of points of `height [N, H, W]`.
@@ -79,20 +86,11 @@ class PictureStack:
         show the point.
         """
         size = self.values[0].numel()
-        step = max(CHUNK_VALUES // size, 1)
+        step = max((CUDA_CHUNK_VALUES if height.is_cuda else CHUNK_VALUES) // size, 1)
         return torch.cat([self._disagreement(height[block]) for block in slices(len(height), step)])
 
     def _disagreement(self, height: Tensor) -> Tensor:
-        shape = (len(height), *self.values.shape[1:])
-        total, squares = torch.zeros((2, *shape), device=height.device)
-        seen, seen_squares = torch.zeros((2, *shape), device=height.device)
-        for view in range(len(self.values)):
-            values, weight = self.aligned(view, height)
-            weighted = weight * values
-            total += weighted
-            squares.addcmul_(weighted, values)
-            seen += weight
-            seen_squares += weight * weight
+        total, squares, seen, seen_squares = self._sums(height)
         divisor = seen.clamp(min=torch.finfo(seen.dtype).tiny)
         # Fewer views agree by chance: the unbiased variance does not reward that.
         count = seen * divisor / seen_squares.clamp(min=torch.finfo(seen.dtype).tiny)
@@ -102,6 +100,23 @@ class PictureStack:
         lights = (self.weight.sum(0) > 0.0).to(seen.dtype)[:, None, None]
         cost = torch.where(known, variance, torch.ones_like(variance))
         return (cost * lights).sum(1) / lights.sum().clamp(min=1.0)
+
+    def _sums(self, height: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Sums over views of values, their squares, weights, and their squares: `[N, L, H, W]`."""
+        shape = (len(height), *self.values.shape[1:])
+        total, squares = torch.zeros((2, *shape), device=height.device)
+        seen, seen_squares = torch.zeros((2, *shape), device=height.device)
+        for run in self.runs(len(height)):
+            values, weight = self.aligned(run, height)
+            weighted = weight * values
+            if len(values) == 1:
+                squares[None].addcmul_(weighted, values)
+            else:
+                squares += (weighted * values).sum(0)
+            total += added(weighted)
+            seen += added(weight)
+            seen_squares += added(weight * weight)
+        return total, squares, seen, seen_squares
 
     def reduced(self, factor: int) -> PictureStack:
         """The stack with means of about `factor` x `factor` texels in place of texels."""
@@ -131,6 +146,11 @@ class PictureStack:
         )
 
 
+def added(parts: Tensor) -> Tensor:
+    """The sum over views of `parts [V, ...]`; that of one is not copied."""
+    return parts[0] if len(parts) == 1 else parts.sum(0)
+
+
 def normalized(values: Tensor) -> Tensor:
     """Pictures `[..., H, W]` moved and scaled to mean 0 and variance 1; flat ones become 0."""
     centred = values - values.mean((-2, -1), keepdim=True)
@@ -150,14 +170,19 @@ def read_stack(
         OutputError: the decoded values cannot be kept on disk.
     """
     part = btf.restricted(views=views, lights=lights)
-    rows = [logarithms(part.pictures(view).mean(-1).to(device)) for view in range(len(views))]
-    values = normalized(torch.stack(rows))
+    grey = torch.stack([part.pictures(view).mean(-1) for view in range(len(views))]).to(device)
+    values = normalized(torch.cat([logarithms(some) for some in grey.split(_at_once(grey))]))
     cosine = part.view[:, 2].to(device)
     textured = values.flatten(2).any(2)  # [V', L']
     if part.missing is not None:
         textured &= ~part.missing.to(device)
     slope = shift_of_height(part.view).to(device) * btf.width
     return PictureStack(values, cosine.square()[:, None] * textured, slope, torch.zeros_like(slope))
+
+
+def _at_once(pictures: Tensor) -> int:
+    """Views of `pictures [V, ...]` that a device takes at once."""
+    return len(pictures) if pictures.is_cuda else 1
 
 
 def logarithms(pictures: Tensor) -> Tensor:

@@ -19,28 +19,28 @@ def centres(height: int, width: int, device: torch.device | str = "cpu") -> tupl
 
 
 def resampled(pictures: Tensor, column: Tensor, row: Tensor, repeats: bool) -> Tensor:
-    """Values `[N, L, h, w]` of `pictures [L, H, W]`, bilinear, at places `[N, h, w]`.
+    """Values `[V, N, L, h, w]` of `pictures [V, L, H, W]`, bilinear, at places `[V, N, h, w]`.
 
     Args:
-        pictures: L pictures.
+        pictures: L pictures of each view.
         column, row: places, from 0 at the centre of the texel at the top left.
         repeats: whether pictures repeat; else their border goes on.
     """
-    count, rows, columns = column.shape
+    views, count, rows, columns = column.shape
     height, width = pictures.shape[-2:]
     if repeats:
-        pictures = functional.pad(pictures[None], (MARGIN,) * 4, mode="circular")[0]
+        pictures = functional.pad(pictures, (MARGIN,) * 4, mode="circular")
         column, row = column.remainder(width) + MARGIN, row.remainder(height) + MARGIN
     scale = [2.0 / max(size - 1, 1) for size in pictures.shape[-2:]]
     place = torch.stack((column * scale[1] - 1.0, row * scale[0] - 1.0), dim=-1)
     values = functional.grid_sample(
-        pictures[None],
-        place.view(1, count * rows, columns, 2),
+        pictures,
+        place.view(views, count * rows, columns, 2),
         mode="bilinear",
         padding_mode="border",
         align_corners=True,
     )
-    return values[0].unflatten(1, (count, rows)).transpose(0, 1)
+    return values.unflatten(2, (count, rows)).transpose(1, 2)
 
 
 def within(column: Tensor, row: Tensor, height: int, width: int) -> Tensor:
@@ -54,7 +54,7 @@ def resized(picture: Tensor, height: int, width: int, repeats: bool) -> Tensor:
     column, row = centres(height, width, picture.device)
     column = (column + 0.5) * (picture.shape[1] / width) - 0.5
     row = (row + 0.5) * (picture.shape[0] / height) - 0.5
-    return resampled(picture[None], column[None], row[None], repeats)[0, 0]
+    return resampled(picture[None, None], column[None, None], row[None, None], repeats)[0, 0, 0]
 
 
 def padded(pictures: Tensor, margin: int, repeats: bool) -> Tensor:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from .resample import padded
 
@@ -33,27 +32,26 @@ def smoothed_cost(cost: Tensor, repeats: bool, known: bool = False) -> Tensor:
     total = torch.zeros_like(cost)
     for axis in (1, 2):
         along = cost if axis == 1 else cost.transpose(1, 2)
-        down = _paths(along, repeats, step, jump)
-        up = _paths(along.flip(1), repeats, step, jump).flip(1)
-        both = down + up
+        down, up = _paths(torch.stack((along, along.flip(1)), dim=1), repeats, step, jump)
+        both = down + up.flip(1)
         total += both if axis == 1 else both.transpose(1, 2)
     return total
 
 
 def _paths(cost: Tensor, repeats: bool, step: float, jump: float) -> Tensor:
-    """Costs `[N, H, W]` of the best paths that come from row 0 [Hir08]."""
-    rows = cost.shape[1]
+    """Costs `[B, N, H, W]` of the best paths from row 0, given `cost [N, B, H, W]` [Hir08]."""
+    rows = cost.shape[2]
     start = -min(RUN_UP, rows) if repeats else 0
-    path, kept = cost[:, start], []
+    path, kept = cost[:, :, start], []
+    wall = torch.full_like(path[:1], float("inf"))
     for row in range(start, rows):
         least = path.amin(0, keepdim=True)
-        above = functional.pad(path[1:], (0, 0, 0, 1), value=float("inf"))
-        below = functional.pad(path[:-1], (0, 0, 1, 0), value=float("inf"))
+        above, below = torch.cat((path[1:], wall)), torch.cat((wall, path[:-1]))
         near = torch.minimum(path, torch.minimum(above, below) + step)
-        path = cost[:, row] + torch.minimum(near, least + jump) - least
+        path = cost[:, :, row] + torch.minimum(near, least + jump) - least
         if row >= 0:
             kept.append(path)
-    return torch.stack(kept, dim=1)
+    return torch.stack(kept, dim=2).transpose(0, 1)
 
 
 def lowest(cost: Tensor) -> Tensor:

@@ -80,11 +80,11 @@ def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feas
     batches = []
     for name, rows in shapes.items():
         for shape in rows:
-            kappa = normals.new_zeros(len(normals), MAX_PARAMETERS)
-            kappa[:, : len(shape)] = normals.new_tensor(shape)
-            model = torch.full((len(normals),), MODEL_NAMES.index(name), device=normals.device)
-            batches.append(LobeBatch(model, kappa, normals, normals.new_zeros(len(normals))))
-    lobes = LobeBatch.cat(batches)
+            kappa = torch.zeros(len(normals), MAX_PARAMETERS, dtype=normals.dtype)
+            kappa[:, : len(shape)] = torch.tensor(shape, dtype=normals.dtype)
+            model = torch.full((len(normals),), MODEL_NAMES.index(name))
+            batches.append(LobeBatch(model, kappa, normals.cpu(), kappa.new_zeros(len(normals))))
+    lobes = LobeBatch.cat(batches).to(normals.device)
     coordinates = feasible.project(lobes.model, encode(lobes))
     lobes = grid.decode(lobes.model, coordinates)
     values = grid.eval(lobes)

@@ -155,7 +155,7 @@ def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit
     where = dictionary.choices[cluster]
     start, size, solvers = None, config.select.pilot, StatusCounts.none()
     if size is not None and len(texels) > PILOTS * size:
-        some = _pilot(context.generator(f"pilot-{cluster}"), texels, size)
+        some = pilot_of(context.generator(f"pilot-{cluster}"), texels, size)
         start, needed, solvers = _cluster_problem(stage, some, where).pilot()
         used = torch.nonzero(needed).squeeze(1)
         where, start = where[used], start.of(used)
@@ -173,7 +173,7 @@ def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit
     )
 
 
-def _pilot(generator: torch.Generator, texels: Tensor, size: int) -> Tensor:
+def pilot_of(generator: torch.Generator, texels: Tensor, size: int) -> Tensor:
     """`size` of the `texels [n]` of a cluster, drawn at random."""
     order = torch.randperm(len(texels), generator=generator)
     return texels[order[:size].sort().values]

@@ -105,8 +105,8 @@ def cluster_products(
     weight = None if importance is None else importance.to(energy)  # [n]
     for part in parts:
         signals = load(part)
-        correlation[part] = _correlations(atoms, signals).to(correlation.device)
-        energy[part] = _squared_norms(signals)
+        correlation[part] = correlations(atoms, signals).to(correlation.device)
+        energy[part] = squared_norms(signals)
         own = torch.ones(len(signals)).to(signals) if weight is None else weight[part].to(signals)
         total += (own @ signals.flatten(1)).view_as(total)
     count, effective = _sizes(texels, weight, ranks)
@@ -141,7 +141,7 @@ def _sizes(texels: int, weight: Tensor | None, ranks: Ranks) -> tuple[float, flo
     return float(sums[0]), float(sums[0] ** 2 / sums[1])
 
 
-def _correlations(atoms: Tensor, signals: Tensor) -> Tensor:
+def correlations(atoms: Tensor, signals: Tensor) -> Tensor:
     """D^T y `[m, J, C]`, strided, of atoms `[J, D]` and signals `[m, C, D]`.
 
     The product has the atoms on its left: faster where they are few.
@@ -149,7 +149,7 @@ def _correlations(atoms: Tensor, signals: Tensor) -> Tensor:
     return (atoms @ signals.flatten(0, 1).T).unflatten(1, signals.shape[:2]).transpose(0, 1)
 
 
-def _squared_norms(signals: Tensor) -> Tensor:
+def squared_norms(signals: Tensor) -> Tensor:
     """||y||^2 `[m, C]` float64 of signals `[m, C, D]`: float64 sums of short float32 runs."""
     even = signals.shape[-1] // RUN * RUN
     runs = signals[..., :even].unflatten(-1, (-1, RUN))  # [m, C, D / RUN, RUN]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 import torch
 from torch import Tensor
 
+from spmm_torch.fit.refit import lookups as lookups_module
 from spmm_torch.fit.refit.lookups import HALF
 from spmm_torch.geometry.directions import RULES
 from tests.fit.refit.refit_cases import VIEW, Case, case, flat
@@ -39,9 +41,46 @@ def test_matrices(sample: Case) -> None:
     values = torch.rand(dense.shape[1], 3, generator=torch.Generator().manual_seed(1))
     for view in range(len(VIEW)):
         own = dense[view].float()
-        torch.testing.assert_close(lookups.drawn(view).to_dense(), own, **CLOSE)
-        torch.testing.assert_close(lookups.gathered(view) @ values, own.T @ values, **CLOSE)
-        torch.testing.assert_close(lookups.squared(view, values), own.T @ own @ values, **CLOSE)
+        run = slice(view, view + 1)
+        torch.testing.assert_close(lookups.drawn(run).to_dense(), own, **CLOSE)
+        torch.testing.assert_close(lookups.gathered(run) @ values, own.T @ values, **CLOSE)
+        torch.testing.assert_close(lookups.squared(run, values), own.T @ own @ values, **CLOSE)
+
+
+def test_runs_of_views(sample: Case) -> None:
+    """Several views at once, as a GPU takes them."""
+    lookups, run = sample.lookups, slice(1, len(VIEW))
+    dense = sample.shown()[run].float()  # [n, T, T]
+    texels = dense.shape[1]
+    same = torch.rand(texels, 3, generator=torch.Generator().manual_seed(1))
+    own = torch.rand(len(dense) * texels, 3, generator=torch.Generator().manual_seed(2))
+    by_view = own.view(-1, texels, 3)
+    expected = (
+        (lookups.drawn(run) @ same, dense @ same),
+        (lookups.drawn(run, apart=True) @ own, dense @ by_view),
+        (lookups.gathered(run) @ own, (dense.mT @ by_view).sum(0)),
+        (lookups.gathered(run, apart=True) @ own, dense.mT @ by_view),
+        (lookups.squared(run, own), (dense.mT @ dense @ by_view).sum(0)),
+        (lookups.squared_apart(run, same), dense.mT @ dense @ same),
+    )
+    for found, wanted in expected:
+        torch.testing.assert_close(found.reshape(wanted.shape), wanted, **CLOSE)
+
+
+def test_a_device_takes_as_many_views_as_it_has_room_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    lookups = case(2, 3, rule="repeat").lookups
+    assert lookups.runs() == [slice(v, v + 1) for v in range(len(VIEW))]
+    monkeypatch.setattr(lookups_module, "CUDA_PIXELS", 13)
+    there = replace(lookups, texel=lookups.texel.as_subclass(OnDevice))
+    assert there.runs(1, 4) == [slice(1, 3), slice(3, 4)]
+    monkeypatch.setattr(lookups_module, "CUDA_PIXELS", 5)
+    assert there.runs() == lookups.runs()
+
+
+class OnDevice(Tensor):
+    """A tensor that says it is on a GPU."""
+
+    is_cuda = True  # type: ignore[assignment]
 
 
 def test_squares(sample: Case) -> None:

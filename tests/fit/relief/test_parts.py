@@ -35,7 +35,7 @@ def noise(*shape: int, seed: int = 0) -> torch.Tensor:
 def test_pictures_are_read_as_by_scipy(repeats: bool, mode: str) -> None:
     pictures = noise(2, 7, 9)
     column, row = 14.0 * noise(1, 5, 6, seed=1), 9.0 * noise(1, 5, 6, seed=2)
-    found = resampled(pictures, column, row, repeats)[0]
+    found = resampled(pictures[None], column[None], row[None], repeats)[0, 0]
     place = np.stack((row[0].numpy(), column[0].numpy()))
     for picture, values in zip(pictures, found, strict=True):
         expected = map_coordinates(picture.numpy(), place, order=1, mode=mode)

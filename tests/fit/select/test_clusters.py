@@ -16,6 +16,7 @@ from spmm_torch.fit.cluster import Clusters
 from spmm_torch.fit.dictionary import Dictionary
 from spmm_torch.fit.problem import Problem
 from spmm_torch.fit.select import clusters as module
+from spmm_torch.fit.select import together
 from spmm_torch.fit.select.clusters import ClusterFit, SelectStage, cluster_bytes, fit_texels
 from spmm_torch.geometry.directions import hemisphere_spiral
 from spmm_torch.lobes.grid import DirectionGrid
@@ -85,3 +86,33 @@ def test_seconds_are_those_of_a_clock(stage: SelectStage) -> None:
     assert set(stages) <= {"select", "refit", "evaluate", "residual"}
     assert {"select", "evaluate"} <= set(stages)
     assert 0.0 < sum(stages.values()) <= watch.seconds["total"]
+
+
+@pytest.mark.parametrize("pilot", [4, None])
+@pytest.mark.parametrize("shared", [True, False])
+def test_all_clusters_at_once_are_fit_as_one_by_one(
+    stage: SelectStage, pilot: int | None, shared: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a GPU does, on a CPU: in blocks, with pilots, and with lobes of each cluster's own."""
+    monkeypatch.setattr(together, "CUDA_TEXELS", 30)
+    config = FitConfig.from_dict({"relief": {"mode": "off"}, "select": {"pilot": pilot}})
+    context = Context.build("cpu", memory=1 << 30)
+    problem = replace(stage.problem, config=config, context=context)
+    choices = [torch.arange(0 if shared else k, LOBES, 1 if shared else 2) for k in range(CLUSTERS)]
+    dictionary = replace(stage.dictionary, choices=choices)
+    labels = torch.arange(problem.btf.texel_count) // 20
+    functions = torch.zeros(problem.btf.pair_count, stage.points.shape[1], 3)
+    clusters = Clusters.of_labels(stage.points, functions, labels)
+    expected = fit_texels(problem, clusters, dictionary)
+    found = together._fit_all(problem, clusters, dictionary)
+    for one, other in zip(found, expected, strict=True):
+        slots = other.index.shape[1]
+        assert torch.equal(one.index[:, :slots], other.index) and bool(
+            (one.index[:, slots:] < 0).all()
+        )
+        torch.testing.assert_close(one.weights[:, :slots], other.weights, rtol=1e-4, atol=1e-6)
+        residuals = (part.code.float() * part.scale for part in (one, other))
+        torch.testing.assert_close(*residuals, rtol=1e-3, atol=1e-5)
+        assert one.totals.row() == pytest.approx(other.totals.row(), rel=1e-5)
+    tables = (sum(fit.solvers.table for fit in fits) for fits in (found, expected))
+    torch.testing.assert_close(*tables)

@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-from tests.accelerator.device_tensor import CUDA, STAND_IN, Device, is_device
-from tests.accelerator.tally import Tally
+from .device_tensor import CUDA, STAND_IN, Device, is_device
+from .tally import Tally
 
 MEMORY = 80 << 30
 # Functions that make a tensor of other data in C++, past every mode.
@@ -70,9 +70,13 @@ def names_device(part: object) -> bool:
 
 
 @contextmanager
-def simulated_cuda() -> Iterator[Tally]:
-    """One simulated CUDA device for this thread and all that start under `with`; its counts."""
-    tally, run = Tally(), threading.Thread.run
+def simulated_cuda(by_line: bool = False) -> Iterator[Tally]:
+    """One simulated CUDA device for this thread and all that start under `with`; its counts.
+
+    Args:
+        by_line: whether the lines that launch work are noted, too.
+    """
+    tally, run = Tally(by_line=by_line), threading.Thread.run
 
     def run_with_device(thread: threading.Thread) -> None:
         with StandIn(), Device(tally):

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from tests.accelerator.tally import TO_DEVICE, TO_HOST, Tally, asking_line
+from .tally import TO_DEVICE, TO_HOST, Tally, asking_line
 
 CUDA, STAND_IN, HOST = torch.device("cuda", 0), torch.device("meta"), torch.device("cpu")
 # Operations that take indices in host memory, too, and scalars beside their indices.
@@ -56,6 +56,7 @@ class DeviceTensor(Tensor):
     is_cuda = property(lambda self: True)
     is_meta = property(lambda self: False)
     is_cpu = property(lambda self: False)
+    layout = property(lambda self: self.held.layout)
 
     def __repr__(self) -> str:
         return f"{self.held!r} on {CUDA}"
@@ -142,7 +143,7 @@ class Device(TorchDispatchMode):
         kwargs.pop("non_blocking", None)
         copy = function(on_host(source), **kwargs)
         if from_device or to_device:
-            self.tally.launches["_to_copy"] += 1
+            self.tally.launch("_to_copy")
         if from_device != to_device:
             self.tally.move(TO_DEVICE if to_device else TO_HOST, size_of(copy))
         return DeviceTensor(copy) if to_device else copy
@@ -151,7 +152,7 @@ class Device(TorchDispatchMode):
         """`target [...]` with the values of `source`, which may be on the other device."""
         ways = isinstance(source, DeviceTensor), isinstance(target, DeviceTensor)
         if any(ways):
-            self.tally.launches["copy_"] += 1
+            self.tally.launch("copy_")
         if ways[0] != ways[1]:
             self.tally.move(TO_DEVICE if ways[1] else TO_HOST, size_of(on_host(source)))
         function(on_host(target), on_host(source), *args)
@@ -166,7 +167,7 @@ class Device(TorchDispatchMode):
                 if index is not None and not isinstance(index, DeviceTensor):
                     self.tally.move(TO_DEVICE, size_of(index))
         if not function.is_view and name not in IDLE:
-            self.tally.launches[name] += 1
+            self.tally.launch(name)
 
 
 def waits(function: Any, name: str, args: Any, kwargs: dict[str, Any]) -> bool:
@@ -181,7 +182,7 @@ def waits(function: Any, name: str, args: Any, kwargs: dict[str, Any]) -> bool:
 def check(
     function: Any, name: str, args: Any, kwargs: dict[str, Any], leaves: list[Tensor]
 ) -> None:
-    """Refuses what CUDA refuses.
+    """Refuses what CUDA refuses, of operands `[...]`.
 
     Raises:
         RuntimeError: operands on two devices, or a generator of the host.
@@ -213,7 +214,7 @@ def size_of(held: Tensor) -> int:
 
 
 def tensors(part: Any) -> Iterator[Tensor]:
-    """All tensors in nested lists of arguments."""
+    """All tensors `[...]` in nested lists of arguments."""
     if isinstance(part, Tensor):
         yield part
     elif isinstance(part, (list, tuple)):

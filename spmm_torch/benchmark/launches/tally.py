@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import sys
+import sysconfig
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.locations import ROOT
-
 TO_DEVICE, TO_HOST = "to device", "to host"
-PROJECT = str(ROOT)
-# Folders whose lines ask on behalf of others: those of this simulation, and installed packages.
-BETWEEN = (str(Path(__file__).parent), str(ROOT / ".venv"))
-TESTS = str(Path(__file__).parent / "test_")
+# Lines of this folder, of Python and of installed packages ask on behalf of others; those of this
+# package ask for themselves, wherever it is installed.
+SIMULATION = str(Path(__file__).parent)
+PACKAGE = str(Path(__file__).parents[2])
+OTHERS = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 
 
 @dataclass
@@ -22,13 +22,23 @@ class Tally:
 
     Attributes:
         launches: operations that launch work, by name.
+        lines: the same by "folder/file:line"; empty unless `by_line`.
         waits: how often the host waited for the device, by "folder/file:line cause".
         moved: bytes that crossed the bus, by way.
+        by_line: whether lines of launches are noted, which takes time.
     """
 
     launches: Counter[str] = field(default_factory=Counter)
+    lines: Counter[str] = field(default_factory=Counter)
     waits: Counter[str] = field(default_factory=Counter)
     moved: Counter[str] = field(default_factory=Counter)
+    by_line: bool = False
+
+    def launch(self, name: str) -> None:
+        """Counts an operation that launches work."""
+        self.launches[name] += 1
+        if self.by_line:
+            self.lines[asking_line()] += 1
 
     def wait(self, cause: str) -> None:
         """Counts a wait of the host at the line of the project that causes it."""
@@ -41,11 +51,18 @@ class Tally:
 
 
 def asking_line() -> str:
-    """The innermost line, as "folder/file:line", of the package or of a test."""
+    """The innermost line, as "folder/file:line", that is not of a library or of this simulation."""
     frame = sys._getframe(1)
     while frame is not None:
         name = frame.f_code.co_filename
-        if name.startswith(PROJECT) and (not name.startswith(BETWEEN) or name.startswith(TESTS)):
+        if _asks(name):
             return f"{'/'.join(Path(name).parts[-2:])}:{frame.f_lineno}"
         frame = frame.f_back
     return "elsewhere"
+
+
+def _asks(name: str) -> bool:
+    """Whether a line of a file asks for itself."""
+    if name.startswith(PACKAGE):
+        return not name.startswith(SIMULATION)
+    return not name.startswith(("<", *OTHERS))
