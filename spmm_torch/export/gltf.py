@@ -61,7 +61,7 @@ def document(model: SPMM, buffer: Buffer, material: dict[str, Any], rule: str) -
 def material_of(
     fitted: Fitted, size: tuple[int, int], buffer: Buffer
 ) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """The material, whose pictures are added to a buffer, and the parameters that they hold."""
+    """The material, whose pictures are added to a buffer, and what they hold, `[T, n]` each."""
     values, read = fitted.values, {}
     color = Plane.colour(values["base_color"])
     rough, metal = (Plane.linear(values[name]) for name in ("roughness", "metallic"))

@@ -22,7 +22,7 @@ class Local:
 
     @property
     def cosine(self) -> Tensor:
-        """z, not below what values are divided by."""
+        """z `[T, S]`, not below what values are divided by."""
         return self.z.clamp(min=LEAST_COSINE)
 
 

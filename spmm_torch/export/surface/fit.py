@@ -56,7 +56,7 @@ class Look:
     gain: float
 
     def of(self, texels: Tensor | slice) -> Look:
-        """The look of some texels."""
+        """The look of some texels, by their indices `[N]` or a slice."""
         return Look(self.wi, self.wo, self.value[texels], self.white, self.gain)
 
 

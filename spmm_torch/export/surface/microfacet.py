@@ -55,7 +55,7 @@ class Roughness:
     sin2: Tensor | float = 0.0
 
     def form(self, w: Local, x: Tensor, y: Tensor) -> Tensor:
-        """x w_x^2 + y w_y^2 along the axes of roughness, without turning w."""
+        """x w_x^2 + y w_y^2 `[T, S]` along the axes of roughness, x and y being `[T, 1]`."""
         if x is y:
             return x * (w.x.square() + w.y.square())
         even = w.x.square() + w.y.square()
@@ -64,7 +64,7 @@ class Roughness:
 
     @property
     def mean(self) -> Tensor:
-        """Alpha of an isotropic surface of about that roughness."""
+        """Alpha `[T, 1]` of an isotropic surface of about that roughness."""
         return self.x if self.x is self.y else (self.x * self.y).sqrt()
 
 
@@ -75,7 +75,7 @@ def isotropic(alpha: Tensor) -> Roughness:
 
 
 def ggx_distribution(angles: Angles, alpha: Roughness) -> Tensor:
-    """D of Trowbridge and Reitz, in 1/sr."""
+    """D of Trowbridge and Reitz `[T, S]`, in 1/sr."""
     inverse_x = alpha.x.square().reciprocal()
     inverse_y = inverse_x if alpha.x is alpha.y else alpha.y.square().reciprocal()
     spread = alpha.form(angles.h, inverse_x, inverse_y) + angles.h.z.square()
@@ -83,7 +83,7 @@ def ggx_distribution(angles: Angles, alpha: Roughness) -> Tensor:
 
 
 def smith(angles: Angles, alpha: Roughness) -> Tensor:
-    """G / (4 cos_i cos_o) with correlated heights."""
+    """G / (4 cos_i cos_o) with correlated heights `[T, S]`."""
     x = alpha.x.square()
     y = x if alpha.x is alpha.y else alpha.y.square()
     i, o = angles.i.cosine, angles.o.cosine
@@ -93,12 +93,12 @@ def smith(angles: Angles, alpha: Roughness) -> Tensor:
 
 
 def schlick(cosine: Tensor) -> Tensor:
-    """(1 - cosine)^5, the share of the reflectance at grazing incidence."""
+    """(1 - cosine)^5 `[...]`, the share of the reflectance at grazing incidence."""
     return (1.0 - cosine).square().square() * (1.0 - cosine)
 
 
 def dielectric_fresnel(cosine: Tensor, f0: Tensor) -> Tensor:
-    """The exact unpolarized reflectance of a dielectric of reflectance f0 at normal incidence."""
+    """The unpolarized reflectance `[T, S]` of a dielectric that reflects f0 `[T, 1]` upright."""
     root = f0.clamp(min=TINY).sqrt()
     ior = (1.0 + root) / (1.0 - root)
     g = (ior.square() + cosine.square() - 1.0).clamp(min=TINY).sqrt()
@@ -107,13 +107,13 @@ def dielectric_fresnel(cosine: Tensor, f0: Tensor) -> Tensor:
 
 
 def ggx_albedo(cosine: Tensor, alpha: Tensor, f0: Tensor | float) -> Tensor:
-    """Directional albedo of GGX with a reflectance of f0, and 1 at grazing incidence."""
+    """Directional albedo `[T, S]` of GGX with a reflectance of f0, and 1 at grazing incidence."""
     normal, grazing, low, high = _polynomials(cosine, alpha, GGX_ALBEDO)
     return f0 * (normal / low).clamp(0.0, 1.0) + (grazing / high).clamp(0.0, 1.0)
 
 
 def charlie(angles: Angles, roughness: Tensor) -> Tensor:
-    """The sheen of Estevez and Kulla with the visibility of Neubelt and Pettineo, in 1/sr."""
+    """The sheen of Estevez and Kulla, visible as by Neubelt and Pettineo, `[T, S]` in 1/sr."""
     inverse = roughness.reciprocal()
     sine = (1.0 - angles.h.z.square()).clamp(min=TINY)
     distribution = (2.0 + inverse) * sine.pow(0.5 * inverse) / (2.0 * math.pi)
@@ -122,13 +122,13 @@ def charlie(angles: Angles, roughness: Tensor) -> Tensor:
 
 
 def charlie_albedo(cosine: Tensor, roughness: Tensor) -> Tensor:
-    """The directional albedo of `charlie`."""
+    """The directional albedo `[T, S]` of `charlie`."""
     top, bottom = _polynomials(cosine, roughness, SHEEN_ALBEDO)
     return (top / bottom).clamp(0.0, 1.0)
 
 
 def zeltner(angles: Angles, roughness: Tensor) -> Tensor:
-    """The fibres of Zeltner, Burley and Chiang (2022) times the light's cosine and their albedo."""
+    """The fibres of Zeltner, Burley and Chiang (2022), cosine-weighted, `[T, S]` in 1/sr."""
     y, x = roughness.clamp(0.01, 1.0), angles.o.cosine.clamp(max=1.0)
     a = (2.58126 * x + 0.813703 * y) * y / (1.0 + 0.310327 * x * x + 2.60994 * x * y)
     falloff = (1.0 - x).clamp(min=TINY).sqrt() * (y - 1.0) * y**3
@@ -143,7 +143,7 @@ def zeltner(angles: Angles, roughness: Tensor) -> Tensor:
 
 
 def zeltner_albedo(cosine: Tensor, roughness: Tensor) -> Tensor:
-    """The directional albedo of `zeltner`."""
+    """The directional albedo `[T, S]` of `zeltner`."""
     x, y = cosine, roughness.clamp(0.01, 1.0)
     s = y * (0.0206607 + 1.58491 * y) / (0.0379424 + y * (1.32227 + y))
     m = y * (-0.193854 + y * (-1.14885 + y * (1.7932 - 0.95943 * y * y))) / (0.046391 + y)

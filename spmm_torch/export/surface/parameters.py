@@ -34,11 +34,11 @@ class Parameter:
     power: float = 1.0
 
     def value(self, unit: Tensor) -> Tensor:
-        """The parameter of numbers in 0..1."""
+        """The parameter `[...]` of numbers `[...]` in 0..1."""
         return self.low + (self.high - self.low) * unit**self.power
 
     def unit(self, value: Tensor) -> Tensor:
-        """The numbers in 0..1 of a parameter."""
+        """The numbers `[...]` in 0..1 of a parameter `[...]`."""
         share = (value - self.low) / (self.high - self.low)
         return share.clamp(0.0, 1.0) ** (1.0 / self.power)
 

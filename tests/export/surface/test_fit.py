@@ -8,6 +8,7 @@ from torch import Tensor
 
 from spmm_torch import SPMM
 from spmm_torch.export.loss import random_queries
+from spmm_torch.export.surface import fit
 from spmm_torch.export.surface.fit import (
     Look,
     fit_parameters,
@@ -24,6 +25,7 @@ from spmm_torch.export.surface.parameters import Surface, joined, split, start_o
 from spmm_torch.export.surface.textured import Textured
 from spmm_torch.geometry.warp import square_to_uniform_hemisphere
 from spmm_torch.runtime.progress import Progress
+from tests.benchmarks.exports import mean_surface
 from tests.planted.models import planted_model
 
 QUIET = Progress(enabled=False)
@@ -93,6 +95,30 @@ def test_no_surface_reflects_more_than_it_gets(surface: Surface) -> None:
     albedo = 2.0 * torch.pi * surface.eval(values, wi.T, wo.T).mean(1)
     assert float(albedo.max()) < 1.06
     assert float(albedo.min()) > 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("surface", SURFACES)
+def test_texels_are_nearer_than_the_mean_with_a_map_of_colours(
+    surface: Surface, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At directions that the fit did not see, against GGX and Lambert of the mean BRDF."""
+    model = planted_model(size=8, clusters=4)
+    look = look_of(model)
+    values = fit_surface(surface, look, QUIET).values
+    common = mean_surface(look, (8, 8), model.rule)
+    monkeypatch.setattr(fit, "SEED", fit.SEED + 1)
+    unseen = look_of(model)
+    target = shown(unseen.gain * unseen.value, look.white)
+    errors = [
+        float(
+            (shown(look.gain * each.eval(maps, unseen.wi, unseen.wo), look.white) - target)
+            .square()
+            .mean()
+        )
+        for each, maps in ((surface, values), (common.surface, common.textures))
+    ]
+    assert errors[0] < 0.5 * errors[1]
 
 
 def test_parameters_go_to_units_and_back() -> None:
