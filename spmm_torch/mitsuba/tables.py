@@ -81,7 +81,12 @@ def weight_rows(corners: Tensor, model: SPMM) -> tuple[TexelBlocks, Rows]:
 
 
 def specular_entries(corners: Tensor, data: SamplingData) -> tuple[Entries, Any]:
-    """(entries that are sampled, with their codes; codes of the groups of each block)."""
+    """(entries that are sampled, with their codes; codes of the groups of each block `[T, 4]`).
+
+    Args:
+        corners: texels of each block, `[T, 4]`.
+        data: of the model.
+    """
     codes = data.gamma[:, None].double()
     merged = blocks(corners, data.offset, data.index, codes, data.table.model)
     return entries_of(merged, float_array(merged.weight)), float_array(data.group[corners])

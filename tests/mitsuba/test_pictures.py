@@ -83,7 +83,16 @@ def test_gradients_flow_to_every_parameter(mi: Any, tmp_path: Path) -> None:
     assert gradient[1, 0] > 0.0
 
 
-@pytest.mark.parametrize("name", ["weight", "kappa", "normal", "residual", "coefficients"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "kappa",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("weight", "normal", "residual", "coefficients")
+        ),
+    ],
+)
 def test_gradients_are_those_of_torch(name: str, mi: Any) -> None:
     import drjit
 
