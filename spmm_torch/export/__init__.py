@@ -28,6 +28,18 @@ TARGETS: dict[str, Target] = {
             (LOBES, RESIDUAL, RELIEF),
         ),
         Target(
+            "gltf",
+            "a sphere with one metallic-roughness surface a texel, fit to the lobes",
+            ".glb",
+            (),
+        ),
+        Target(
+            "openpbr",
+            "a MaterialX file with one OpenPBR surface a texel, fit to the lobes",
+            "",
+            (RELIEF,),
+        ),
+        Target(
             "mitsuba",
             "scene, loader and model, which Mitsuba 3 renders as they are",
             "",
