@@ -8,12 +8,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..brdf import MODEL_NAMES
+from ..errors import DataError
 from ..model.components import Components
 from ..model.lookup import SparseWeights, TexelBlocks
 from ..model.sampling import SamplingData
 from ..model.spmm import SPMM
 from .arrays import float_array, index_array, joined, taken
-from .brdf import TWINS
+from .brdf import TWINS, Twin
 from .libraries import dr
 from .mixture import KAPPA, LOBE, MODEL, Entries
 from .residual import WIDTH
@@ -57,7 +59,7 @@ def blocks(
     wanted = torch.ones_like(corners, dtype=torch.bool)
     merged = TexelBlocks.build(corners, wanted, SparseWeights(offset.long(), index.long(), codes))
     block = torch.repeat_interleave(merged.count)
-    order = torch.argsort(block * len(TWINS) + models[merged.lobe], stable=True)
+    order = torch.argsort(block * len(MODEL_NAMES) + models[merged.lobe], stable=True)
     return replace(merged, lobe=merged.lobe[order], weight=merged.weight[order])
 
 
@@ -79,7 +81,12 @@ def weight_rows(corners: Tensor, model: SPMM) -> tuple[TexelBlocks, Rows]:
 
 
 def specular_entries(corners: Tensor, data: SamplingData) -> tuple[Entries, Any]:
-    """(entries that are sampled, with their codes; codes of the groups of each block)."""
+    """(entries that are sampled, with their codes; codes of the groups of each block `[T, 4]`).
+
+    Args:
+        corners: texels of each block, `[T, 4]`.
+        data: of the model.
+    """
     codes = data.gamma[:, None].double()
     merged = blocks(corners, data.offset, data.index, codes, data.table.model)
     return entries_of(merged, float_array(merged.weight)), float_array(data.group[corners])
@@ -110,10 +117,20 @@ def models_in_use(model: SPMM) -> Tensor:
     return torch.unique(model.lobe_model)
 
 
-def twins_in_use(model: SPMM) -> tuple[Any, ...]:
-    """The twins of the models that lobes have."""
-    twins = tuple(TWINS.values())
-    return tuple(twins[n] for n in models_in_use(model).tolist())
+def twins_in_use(model: SPMM) -> tuple[Twin, ...]:
+    """The twins of the models that lobes have.
+
+    Raises:
+        DataError: a model has none.
+    """
+    names = [MODEL_NAMES[number] for number in models_in_use(model).tolist()]
+    for name in names:
+        if name not in TWINS:
+            raise DataError(
+                f"{model.name!r} has lobes of {name}, which the plug-in for Mitsuba lacks; "
+                f"expected some of {', '.join(TWINS)}; add it to spmm_torch/mitsuba/brdf."
+            )
+    return tuple(TWINS[name] for name in names)
 
 
 def cluster_rows(model: SPMM) -> Rows:

@@ -28,8 +28,14 @@ def with_gaps(btf: BTF) -> BTF:
     return replace(btf, missing=missing.view(len(btf.view), len(btf.light)))
 
 
-@pytest.mark.parametrize("halves", [False, True])
-@pytest.mark.parametrize("change", [lambda btf: btf, with_gaps], ids=["whole", "gaps"])
+@pytest.mark.parametrize(
+    ("change", "halves"),
+    [
+        pytest.param(with_gaps, False, id="gaps"),
+        pytest.param(lambda btf: btf, False, id="whole", marks=pytest.mark.slow),
+        pytest.param(with_gaps, True, id="gaps-halves", marks=pytest.mark.slow),
+    ],
+)
 def test_values_are_those_of_the_material(
     change: Any, halves: bool, mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

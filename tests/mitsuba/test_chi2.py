@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from spmm_torch import SPMM
-from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.brdf import MODEL_NAMES, REGISTRY
 from spmm_torch.geometry.directions import ring_directions
 from tests.lobes.lobe_cases import kappa_of_widths, unit_vector
 from tests.planted.models import (
@@ -30,8 +31,6 @@ WIDTH = 0.2
 
 def of_width(model: SPMM, width: float = WIDTH) -> SPMM:
     """The model with lobes of one width, narrow enough to be sampled."""
-    from spmm_torch.brdf import REGISTRY
-
     with_width = model.kappa.detach().clone()
     for lobe, index in enumerate(model.lobe_model.tolist()):
         kappa = kappa_of_widths(REGISTRY[index], (width, width))
@@ -58,10 +57,11 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", ANGLES)
 def test_mitsuba_accepts_the_mixture(degrees: float, run: Path, mi: Any) -> None:
-    from mitsuba.chi2 import BSDFAdapter, ChiSquareTest, SphericalDomain
-
+    chi2: Any = import_module("mitsuba.chi2")
     wi = unit_vector(degrees, 0.3).tolist()
     plugin = {"type": "spmm", "filename": str(run)}
-    functors = BSDFAdapter("spmm", plugin, wi=wi, uv=[0.3, 0.6])
-    judge = ChiSquareTest(SphericalDomain(), *functors, 3, sample_count=200_000, res=101, ires=8)
+    functors = chi2.BSDFAdapter("spmm", plugin, wi=wi, uv=[0.3, 0.6])
+    judge = chi2.ChiSquareTest(
+        chi2.SphericalDomain(), *functors, 3, sample_count=200_000, res=101, ires=8
+    )
     assert judge.run(SIGNIFICANCE, TESTS, quiet=True), judge.messages

@@ -34,6 +34,7 @@ def every_brdf() -> SPMM:
     return with_components(model, rank=5, beside=True)
 
 
+# Each is a kernel of its own, and takes seconds to compile.
 MODELS = {
     "every BRDF, both residuals": every_brdf,
     "lobes alone": lambda: planted_model(size=4, names=("ward",)),
@@ -48,7 +49,16 @@ def test_every_brdf_has_a_twin() -> None:
     assert tuple(TWINS) == MODEL_NAMES
 
 
-@pytest.mark.parametrize("build", MODELS.values(), ids=MODELS)
+SLOW = ("lobes alone", "relief")
+
+
+@pytest.mark.parametrize(
+    "build",
+    [
+        pytest.param(build, id=name, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, build in MODELS.items()
+    ],
+)
 def test_values_and_densities_are_those_of_torch(build: Any, mi: Any, tmp_path: Path) -> None:
     model = build()
     run = model_folder(tmp_path / "run", model)
