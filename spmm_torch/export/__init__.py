@@ -39,5 +39,17 @@ TARGETS: dict[str, Target] = {
             ".html",
             (LOBES, RESIDUAL, RELIEF),
         ),
+        Target(
+            "gltf",
+            "a sphere with one metallic-roughness surface a texel, fit to the lobes",
+            ".glb",
+            (),
+        ),
+        Target(
+            "openpbr",
+            "a MaterialX file with one OpenPBR surface a texel, fit to the lobes",
+            "",
+            (RELIEF,),
+        ),
     )
 }

@@ -66,7 +66,7 @@ def loss_of(model: SPMM, holds: tuple[str, ...], material: Material) -> Loss:
     return Loss(
         whole,
         whole if held is model else random_snr(held, material),
-        sphere_flip(model, material),
+        sphere_flip(model, material, (model.height, model.width), model.weight.device),
     )
 
 
@@ -89,19 +89,25 @@ def random_queries(count: int) -> tuple[Tensor, Tensor, Tensor]:
     return u[0], square_to_uniform_hemisphere(u[1]), square_to_uniform_hemisphere(u[2])
 
 
-def sphere_flip(model: SPMM, material: Material) -> tuple[float, ...] | None:
-    """The mean FLIP error under each of the lights of `evaluate.spheres`, against the model."""
-    texture = Texture(TEXELS_IN_HALF_TURN / model.width, model.width / model.height)
+def sphere_flip(
+    original: Material, material: Material, size: tuple[int, int], device: torch.device | str
+) -> tuple[float, ...] | None:
+    """The mean FLIP error under each of the lights of `evaluate.spheres`.
+
+    Args:
+        original: what a material is compared with.
+        material: on the same device.
+        size: H and W of the texture of both.
+        device: of the renderings.
+
+    Returns:
+        An error for each light; None without the extra `eval`.
+    """
+    height, width = size
+    scene = sphere_scene(Texture(TEXELS_IN_HALF_TURN / width, width / height))
     titles = tuple(title for title, *_ in LIGHTS)
-    errors = flip(
-        compare_materials(
-            (model, material, material),
-            sphere_scene(texture),
-            SETTINGS,
-            titles,
-            model.weight.device,
-        )
-    )
+    both = (original, material, material)
+    errors = flip(compare_materials(both, scene, SETTINGS, titles, device))
     return None if errors is None else tuple(errors)
 
 
