@@ -1,8 +1,8 @@
 """Closures of Open Shading Language as Blender Cycles evaluates them.
 
-Each is a function of local directions like a BRDF, with the cosine of the light. Sources: [War92],
-[AS00], [WMLT07], [Hei14] as for the BRDFs of the registry; the masking of Beckmann's distribution is
-the rational fit of [WMLT07]; Oren-Nayar in the form of Y. Fujii, A tiny improvement of Oren-Nayar
+Each is a function of local directions like a BRDF, with the cosine of the light. Sources: [AS00],
+[WMLT07], [Hei14] as for the BRDFs of the registry; the masking of Beckmann's distribution is the
+rational fit of [WMLT07]; Oren-Nayar in the form of Y. Fujii, A tiny improvement of Oren-Nayar
 reflectance model, note, 2013.
 """
 
@@ -59,9 +59,7 @@ def ggx(parameters: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
     h = unit_half_vector(wi, wo)
     spread = (h[..., 0] / alpha_x) ** 2 + (h[..., 1] / alpha_y) ** 2 + h[..., 2] ** 2
     density = INV_PI / (alpha_x * alpha_y * spread.clamp(min=1e-12) ** 2)
-    masking = [
-        0.5 * (torch.sqrt(1.0 + _slope_squared(parameters, w)) - 1.0) for w in (wi, wo)
-    ]
+    masking = [0.5 * (torch.sqrt(1.0 + _slope_squared(parameters, w)) - 1.0) for w in (wi, wo)]
     return density / (4.0 * wo[..., 2].clamp(min=COS_EPS) * (1.0 + masking[0] + masking[1]))
 
 

@@ -148,8 +148,8 @@ def notes(model: SPMM, slots: Slots, found: ClosureLobes) -> tuple[str, ...]:
     clauses = []
     if int(model.lobe_count_per_texel().max()) > MOST_SLOTS:
         clauses.append(
-            f"lobes of a texel beyond its {MOST_SLOTS} strongest, {100.0 * slots.lost:.2g} % of all "
-            f"weights; Cycles keeps 64 closures of a point, which sees four texels"
+            f"lobes of a texel beyond its {MOST_SLOTS} strongest, {100.0 * slots.lost:.2g} % of "
+            f"all weights; Cycles keeps 64 closures of a point, which sees four texels"
         )
     uses = torch.bincount(model.index.cpu(), minlength=len(found.kind)).double()
     for index in torch.unique(model.lobe_model).tolist():

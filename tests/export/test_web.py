@@ -166,7 +166,9 @@ def opened(browser: Any, name: str, folder: Path) -> None:
     path.write_text(text_of(name), encoding="utf-8")
     browser.get(path.as_uri())
     end = time.monotonic() + PATIENCE
-    while time.monotonic() < end and not browser.execute_script("return document.body.dataset.ready"):
+    while time.monotonic() < end and not browser.execute_script(
+        "return document.body.dataset.ready"
+    ):
         time.sleep(0.05)
     trouble = browser.find_element("id", "trouble").text
     if "WebGL 2" in trouble:
