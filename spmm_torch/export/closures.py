@@ -96,8 +96,6 @@ CLOSURES: dict[str, Closure] = {
     "SCHLICK_GGX": _with_schlick(ggx),
 }
 KINDS = tuple(CLOSURES)
-# Those that Cycles fades where their normal leans away from the surface.
-FADED = ("DIFFUSE", "OREN_NAYAR")
 
 
 def value(kind: Tensor, parameters: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
@@ -115,21 +113,6 @@ def value(kind: Tensor, parameters: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         if len(rows):
             result[rows] = closure(*(part[rows] for part in (parameters, wi, wo)))
     return result
-
-
-def leaning_fade(of_texel: Tensor, cosine: Tensor, upright: Tensor) -> Tensor:
-    """What Cycles multiplies diffuse closures with whose normal is not that of the surface, `[N]`.
-
-    Source: M. Chiang, Y. K. Li, B. Burley, Taming the Shadow Terminator, SIGGRAPH Talks, 2019.
-
-    Args:
-        of_texel: z of the light over the surface, `[N]`.
-        cosine: of the light to the normal of the closure, `[N]`.
-        upright: z of that normal, `[N]`.
-    """
-    g = of_texel / (cosine * upright).clamp(min=1e-6)
-    smooth = g + g * g - g * g * g
-    return torch.where(g >= 1.0, torch.ones_like(g), torch.where(g < 0.0, 0.0 * g, smooth))
 
 
 def _alphas(parameters: Tensor) -> tuple[Tensor, Tensor]:
