@@ -1,8 +1,8 @@
 """Closures of Open Shading Language as Blender Cycles evaluates them.
 
-Each is a function of local directions like a BRDF, with the cosine of the light. Sources: [War92],
-[AS00], [WMLT07], [Hei14] as for the BRDFs of the registry; the masking of Beckmann's distribution is
-the rational fit of [WMLT07]; Oren-Nayar in the form of Y. Fujii, A tiny improvement of Oren-Nayar
+Each is a function of local directions like a BRDF, with the cosine of the light. Sources: [AS00],
+[WMLT07], [Hei14] as for the BRDFs of the registry; the masking of Beckmann's distribution is the
+rational fit of [WMLT07]; Oren-Nayar in the form of Y. Fujii, A tiny improvement of Oren-Nayar
 reflectance model, note, 2013.
 """
 
@@ -59,9 +59,7 @@ def ggx(parameters: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
     h = unit_half_vector(wi, wo)
     spread = (h[..., 0] / alpha_x) ** 2 + (h[..., 1] / alpha_y) ** 2 + h[..., 2] ** 2
     density = INV_PI / (alpha_x * alpha_y * spread.clamp(min=1e-12) ** 2)
-    masking = [
-        0.5 * (torch.sqrt(1.0 + _slope_squared(parameters, w)) - 1.0) for w in (wi, wo)
-    ]
+    masking = [0.5 * (torch.sqrt(1.0 + _slope_squared(parameters, w)) - 1.0) for w in (wi, wo)]
     return density / (4.0 * wo[..., 2].clamp(min=COS_EPS) * (1.0 + masking[0] + masking[1]))
 
 
@@ -98,8 +96,6 @@ CLOSURES: dict[str, Closure] = {
     "SCHLICK_GGX": _with_schlick(ggx),
 }
 KINDS = tuple(CLOSURES)
-# Those that Cycles fades where their normal leans away from the surface.
-FADED = ("DIFFUSE", "OREN_NAYAR")
 
 
 def value(kind: Tensor, parameters: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
@@ -117,21 +113,6 @@ def value(kind: Tensor, parameters: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         if len(rows):
             result[rows] = closure(*(part[rows] for part in (parameters, wi, wo)))
     return result
-
-
-def leaning_fade(of_texel: Tensor, cosine: Tensor, upright: Tensor) -> Tensor:
-    """What Cycles multiplies diffuse closures with whose normal is not that of the surface, `[N]`.
-
-    Source: M. Chiang, Y. K. Li, B. Burley, Taming the Shadow Terminator, SIGGRAPH Talks, 2019.
-
-    Args:
-        of_texel: z of the light over the surface, `[N]`.
-        cosine: of the light to the normal of the closure, `[N]`.
-        upright: z of that normal, `[N]`.
-    """
-    g = of_texel / (cosine * upright).clamp(min=1e-6)
-    smooth = g + g * g - g * g * g
-    return torch.where(g >= 1.0, torch.ones_like(g), torch.where(g < 0.0, 0.0 * g, smooth))
 
 
 def _alphas(parameters: Tensor) -> tuple[Tensor, Tensor]:

@@ -57,7 +57,7 @@ def brdf(name: str) -> str:
     except FileNotFoundError:
         raise OutputError(
             f"the model has lobes of the BRDF {name}, which has no GLSL; expected "
-            f"web_page/glsl/lobes/{name}.glsl in spmm_torch/export; write it, or fit without {name}."
+            f"web_page/glsl/lobes/{name}.glsl in spmm_torch/export; write it, or fit without it."
         ) from None
 
 

@@ -26,7 +26,7 @@ from ..model.spmm import SPMM
 from ..runtime.progress import Progress
 from . import closures
 from .closure_fit import ClosureLobes, fitted
-from .closures import FADED, KINDS
+from .closures import KINDS
 from .target import Exported
 
 # Lobes of a texel. Cycles keeps 64 closures of a point, which sees four texels.
@@ -105,11 +105,7 @@ class ClosureMaterial:
         normal, angle = (x.detach().float().cpu() for x in (self.model.normal, self.model.angle))
         frame = frame_from_normal(normal, angle)[lobe]  # [E, 3, 3]
         a, b = ((frame @ w[..., None]).squeeze(-1) for w in (wi, wo))
-        kind, upright = self.closures.kind[lobe], normal[lobe, 2]
-        value = closures.value(kind, self.closures.parameters[lobe], a, b)
-        faded = torch.isin(kind, torch.tensor([KINDS.index(name) for name in FADED]))
-        fade = closures.leaning_fade(wi[:, 2], a[:, 2], upright)
-        value = value * torch.where(faded & (upright < 1.0), fade, 1.0)
+        value = closures.value(self.closures.kind[lobe], self.closures.parameters[lobe], a, b)
         value = value * view_step(b[:, 2], self.model.horizon) * self.closures.scale[lobe]
         return value * (wi[:, 2] > 0.0) * (wo[:, 2] > 0.0)
 
@@ -148,8 +144,8 @@ def notes(model: SPMM, slots: Slots, found: ClosureLobes) -> tuple[str, ...]:
     clauses = []
     if int(model.lobe_count_per_texel().max()) > MOST_SLOTS:
         clauses.append(
-            f"lobes of a texel beyond its {MOST_SLOTS} strongest, {100.0 * slots.lost:.2g} % of all "
-            f"weights; Cycles keeps 64 closures of a point, which sees four texels"
+            f"lobes of a texel beyond its {MOST_SLOTS} strongest, {100.0 * slots.lost:.2g} % of "
+            f"all weights; Cycles keeps 64 closures of a point, which sees four texels"
         )
     uses = torch.bincount(model.index.cpu(), minlength=len(found.kind)).double()
     for index in torch.unique(model.lobe_model).tolist():
@@ -162,7 +158,9 @@ def notes(model: SPMM, slots: Slots, found: ClosureLobes) -> tuple[str, ...]:
                 f"the shape of {MODEL_NAMES[index]} lobes, which become {names}: "
                 f"{-10.0 * math.log10(error):.1f} dB about their peaks"
             )
-    clauses.append("how lobes end below the lowest measured light; Cycles ends them in its own way")
+    clauses.append(
+        "how lobes end below the lowest measured light; those that lean to it keep their cosine"
+    )
     return tuple(clauses)
 
 

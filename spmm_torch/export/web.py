@@ -192,7 +192,12 @@ def facts(model: SPMM) -> dict[str, Any]:
         "exposure": exposure(model),
         "widths": [
             [
-                {"column": n, "power": power_law(row.from_width)[1], "low": row.low, "high": row.high}
+                {
+                    "column": n,
+                    "power": power_law(row.from_width)[1],
+                    "low": row.low,
+                    "high": row.high,
+                }
                 for n, row in enumerate(brdf.parameters)
                 if row.from_width is not None
             ]

@@ -66,7 +66,7 @@ class HeightField:
         """s `[..., 2]` of views `[..., 3]`: texture widths rightwards and up for each of height."""
         flat = wo[..., :2]
         length = torch.linalg.vector_norm(flat, dim=-1)
-        # Of the direction straight down, which shows nothing, and of views from straight above alone.
+        # Of the direction straight down, which shows nothing, and of views from above alone.
         tiny = torch.finfo(wo.dtype).tiny
         down = torch.maximum(wo[..., 2], length / max(self.slope, tiny))
         return flat / down.clamp(min=tiny)[..., None]

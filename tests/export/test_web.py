@@ -166,7 +166,8 @@ def opened(browser: Any, name: str, folder: Path) -> None:
     path.write_text(text_of(name), encoding="utf-8")
     browser.get(path.as_uri())
     end = time.monotonic() + PATIENCE
-    while time.monotonic() < end and not browser.execute_script("return document.body.dataset.ready"):
+    ready = "return document.body.dataset.ready"
+    while time.monotonic() < end and not browser.execute_script(ready):
         time.sleep(0.05)
     trouble = browser.find_element("id", "trouble").text
     if "WebGL 2" in trouble:
@@ -193,7 +194,7 @@ def many_queries(model: SPMM) -> tuple[Tensor, ...]:
 
 @torch.no_grad()
 def relative_errors(values: Tensor, model: SPMM, queries: tuple[Tensor, ...]) -> Tensor:
-    """Errors `[Q]` relative to exact values, or to a hundredth of their mean where those are less."""
+    """Errors `[Q]` relative to exact values, or to a hundredth of their mean where less."""
     exact = model.double()
     exact.checks_queries = False
     expected = exact(*(part.double() for part in queries))

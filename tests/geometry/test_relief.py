@@ -58,6 +58,12 @@ def test_the_shift_stays_beyond_the_steepest_view() -> None:
     assert torch.equal(field.hit(uv, down), uv)
 
 
+def test_views_from_above_alone_shift_nothing() -> None:
+    field = HeightField(torch.full((3, 4), 0.1), "repeat", 0.0)
+    views = torch.tensor([[0.0, 0.0, 1.0], [0.6, 0.0, 0.8]])
+    assert float(field.shift(views).abs().max()) < 1e-30
+
+
 def test_the_steepest_measured_view_bounds_the_slope() -> None:
     theta = torch.deg2rad(torch.tensor([0.0, 60.0, 75.0]))
     view = direction_from_angles(theta, torch.ones(3))
