@@ -216,7 +216,8 @@ def _fitting(parts: ModelParts) -> ModelParts:
     if len(weights.offset) != texels + 1:
         raise ValueError(f"entries of {len(weights.offset) - 1} texels for {texels}")
     _check_indices(weights.index, len(parts.lobes), "lobe")
-    _check_indices(parts.labels, max(clusters, 1), "cluster")
+    if clusters:  # without residuals of their own, clusters are labels only
+        _check_indices(parts.labels, clusters, "cluster")
     return parts
 
 
