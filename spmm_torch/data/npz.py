@@ -194,7 +194,8 @@ def _content(path: Path) -> list[tuple[str, int]]:
 
 
 def _damaged(path: Path, error: Exception) -> DataError:
+    reason = str(error).partition("\n")[0].rstrip(".")  # the rest is advice to whoever programs
     return DataError(
-        f"{path} cannot be read ({error}); expected an NPZ with {LAYOUT}, without pickled objects; "
-        f"save it again with numpy.savez."
+        f"{path} cannot be read ({reason}); expected an NPZ with {LAYOUT}, without pickled "
+        f"objects; save it again with numpy.savez."
     )

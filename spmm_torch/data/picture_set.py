@@ -77,6 +77,7 @@ class PictureSet:
         options: options of the reader.
         intensity: intensity of each light by channel, which values are divided by, `[L, 3]`; None:
             all lights are alike.
+        corner: column and row of the first pixel of every picture, in its frame.
     """
 
     path: Path
@@ -87,6 +88,7 @@ class PictureSet:
     width: int
     options: ReadOptions
     intensity: Tensor | None = None
+    corner: tuple[int, int] = (0, 0)
 
     @classmethod
     def scan(cls, path: Path, options: ReadOptions) -> PictureSet:
@@ -122,12 +124,12 @@ class PictureSet:
             (payload,) = archive.read([grid.first])
         codec = codec_of(payload)
         try:
-            first = codec.decode(payload)
+            first, corner = codec.decode(payload), _corner(codec, payload)
         except DECODE_ERRORS as error:
             raise unreadable(path, grid.first, error) from error
         size = (first.shape[0], first.shape[1])
         width = first.shape[2]
-        return cls(path, grid, codec, size, first.dtype, width, options, intensity)
+        return cls(path, grid, codec, size, first.dtype, width, options, intensity, corner)
 
     def btf(self, path: str, name: str, notes: tuple[str, ...] = ()) -> BTF:
         """The BTF of these pictures.
@@ -252,6 +254,12 @@ class PictureSet:
                 f"expected {self.size[1]} x {self.size[0]} like the first one; all pictures must "
                 f"be registered texel by texel: replace or rescale this one."
             )
+        if (place := _corner(self.codec, payload)) != self.corner:
+            raise DataError(
+                f"picture {name!r} in {self.path} is the part of its frame from {place} on; "
+                f"expected that from {self.corner} on like the first one; write whole frames, or "
+                f"the same data window of all."
+            )
         if (codes.dtype, codes.shape[2]) != (self.dtype, self.width):
             if np.issubdtype(self.dtype, np.floating) and codes.dtype == np.float16:
                 return codes.astype(self.dtype)
@@ -269,6 +277,12 @@ def _codes(codec: Codec, payload: bytes) -> np.ndarray:
     if not codec.accepts(payload):
         raise ValueError(f"it is not stored like the first one, as {codec.TITLE}")
     return codec.decode(payload)
+
+
+def _corner(codec: Codec, payload: bytes) -> tuple[int, int]:
+    """Column and row of the first pixel of a picture in its frame."""
+    tell = getattr(codec, "corner", None)
+    return (0, 0) if tell is None else tell(payload)
 
 
 def _fingerprint(path: Path, names: Sequence[str]) -> list[tuple[str, int | str]]:

@@ -15,7 +15,14 @@ from ..runtime.atomic import readable
 from .folder_files import folder_files, is_hidden
 from .inner_zip import inner_member, unpacked
 
-ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, RuntimeError, NotImplementedError, EOFError)
+ZIP_ERRORS = (
+    zipfile.BadZipFile,
+    zlib.error,
+    RuntimeError,
+    NotImplementedError,
+    EOFError,
+    UnicodeDecodeError,  # of names that are flagged as UTF-8 and are not
+)
 # Names of methods of compression that the library of Python cannot undo, by their number in a zip.
 FOREIGN_METHODS = {9: "Deflate64", 93: "Zstandard", 95: "XZ", 96: "JPEG", 98: "PPMd", 99: "AES"}
 # Methods that it can undo; the last one from Python 3.14 on.
@@ -185,7 +192,12 @@ def material_name(path: Path) -> str:
 
 def _members(handle: zipfile.ZipFile) -> Iterator[tuple[str, zipfile.ZipInfo]]:
     """Files in a zip, with names as they would be in a folder."""
+    listed = set()
     for member in handle.infolist():
+        # Some programs list a file twice, which Python takes for an attack where it is read.
+        if (entry := (member.filename, member.header_offset)) in listed:
+            continue
+        listed.add(entry)
         # Windows writes back-slashes, and some programs "./" in front.
         name = member.filename.replace("\\", "/")
         if not name.endswith("/"):

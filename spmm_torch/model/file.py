@@ -174,8 +174,8 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
 
     Raises:
         KeyError: a tensor or a key of the metadata is missing.
-        ValueError: a BRDF is not known, a height, a width or the horizon is not a number, or the
-            relief is not valid.
+        ValueError: a BRDF is not known, a height, a width or the horizon is not a number, the
+            relief is not valid, or parts do not fit each other.
     """
     lobes = LobeBatch(
         loaded_models(tensors["dictionary.model"], json.loads(metadata["models"])),
@@ -185,20 +185,46 @@ def from_tensors(tensors: Tensors, metadata: dict[str, str]) -> ModelParts:
         float(metadata.get("horizon", 0.0)),
     )
     light, view = tensors["directions.light"], tensors["directions.view"]
-    return ModelParts(
-        int(metadata["height"]),
-        int(metadata["width"]),
-        lobes,
-        _loaded_weights(tensors),
-        tensors["weights.label"].long(),
-        Residual(tensors["residual.code"], tensors["residual.scale"], light, view),
-        light,
-        view,
-        metadata["name"],
-        _loaded_components(tensors, light, view),
-        tensors["weights.code"].dtype if "weights.code" in tensors else torch.float32,
-        relief=_relief(tensors, metadata),
+    return _fitting(
+        ModelParts(
+            int(metadata["height"]),
+            int(metadata["width"]),
+            lobes,
+            _loaded_weights(tensors),
+            tensors["weights.label"].long(),
+            Residual(tensors["residual.code"], tensors["residual.scale"], light, view),
+            light,
+            view,
+            metadata["name"],
+            _loaded_components(tensors, light, view),
+            tensors["weights.code"].dtype if "weights.code" in tensors else torch.float32,
+            relief=_relief(tensors, metadata),
+        )
     )
+
+
+def _fitting(parts: ModelParts) -> ModelParts:
+    """Parts that fit each other: a damaged file would else be met by whoever looks a texel up.
+
+    Raises:
+        ValueError: they do not.
+    """
+    texels, clusters = parts.height * parts.width, len(parts.residual.scale)
+    if min(parts.height, parts.width) < 1 or texels != len(parts.labels):
+        raise ValueError(f"{parts.width} x {parts.height} texels of {len(parts.labels)}")
+    weights = parts.weights
+    if len(weights.offset) != texels + 1:
+        raise ValueError(f"entries of {len(weights.offset) - 1} texels for {texels}")
+    _check_indices(weights.index, len(parts.lobes), "lobe")
+    if clusters:  # without residuals of their own, clusters are labels only
+        _check_indices(parts.labels, clusters, "cluster")
+    return parts
+
+
+def _check_indices(index: Tensor, count: int, name: str) -> None:
+    """Refuses indices `[N]` that are not below `count`."""
+    if index.numel() and not 0 <= int(index.min()) <= int(index.max()) < count:
+        raise ValueError(f"{name} {int(index.max())} of {count}")
 
 
 def _loaded_weights(tensors: Tensors) -> SparseWeights:

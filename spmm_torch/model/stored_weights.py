@@ -133,7 +133,13 @@ def encode_entries(weights: SparseWeights, lobes: int) -> StoredEntries:
 
 
 def decode_entries(entries: StoredEntries) -> tuple[Tensor, Tensor]:
-    """(offset `[T + 1]`, lobe of each entry `[N]`), both long."""
+    """(offset `[T + 1]`, lobe of each entry `[N]`), both long.
+
+    Raises:
+        ValueError: there are not as many entries as the texels count.
+    """
+    if (counted := int(entries.count.sum())) != len(entries.index):
+        raise ValueError(f"{len(entries.index)} entries of {counted}")
     count = entries.count.long().view(len(entries.count), -1)  # [T, G]
     group = torch.arange(count.shape[1], device=count.device).repeat(len(count))
     first = GROUP * torch.repeat_interleave(group, count.flatten())

@@ -127,12 +127,32 @@ def joined_ranks(device: torch.device) -> Iterator[Ranks]:
     by_nccl = on_gpu and local_count() <= torch.cuda.device_count()
     if on_gpu:
         torch.cuda.set_device(device)  # NCCL sends objects from the current device
-    dist.init_process_group("nccl" if by_nccl else "gloo", timeout=TIMEOUT)
+    _meet("nccl" if by_nccl else "gloo")
     try:
         where = device if by_nccl else torch.device("cpu")
         yield Ranks(dist.get_rank(), dist.get_world_size(), where)
     finally:
         dist.destroy_process_group()
+
+
+def _meet(backend: str) -> None:
+    """Waits for all ranks.
+
+    Raises:
+        SPMMError: one has a number that cannot be, or they cannot reach each other.
+    """
+    rank, size = launched("RANK", 0), launched("WORLD_SIZE", 1)
+    try:
+        if rank >= size:
+            raise ValueError(f"RANK is {rank} of WORLD_SIZE {size}")
+        dist.init_process_group(backend, timeout=TIMEOUT)
+    except (RuntimeError, ValueError) as error:  # among them DistNetworkError
+        reason = str(error).partition("\n")[0].partition(". ")[0]
+        address = ":".join(os.environ[key] for key in ("MASTER_ADDR", "MASTER_PORT"))
+        raise SPMMError(
+            f"the processes of this run cannot meet at {address} ({reason}); expected all of them "
+            f"and a free port; start them by torchrun, or unset WORLD_SIZE to run alone."
+        ) from error
 
 
 def local_count() -> int:

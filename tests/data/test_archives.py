@@ -163,3 +163,21 @@ def test_what_is_left_out_is_said(
     assert note == f"note: no part of the BTF in {path}: '.old/{files[0][0]}' and 1 more"
     assert main(["convert", str(path), "-o", str(tmp_path / "a.npz")]) == 0
     assert note in capsys.readouterr().err
+
+
+def test_a_file_that_is_listed_twice_is_one_file(tmp_path: Path) -> None:
+    """Which Python's own reader takes for an attack [cpython issue 117779]."""
+    files = make_files(np.full((3, 3, 4, 5, 3), 99, np.uint8))
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for name, content in files:
+            archive.writestr(name, content)
+        archive.filelist += [archive.filelist[0], archive.filelist[-1]]
+    assert load_btf(tmp_path / "a.zip").load().pair_count == 9
+
+
+def test_a_name_that_is_no_utf8_is_a_damaged_zip(tmp_path: Path) -> None:
+    """Python's own reader raises a UnicodeDecodeError [cpython issue 153426]."""
+    source = write_zip(tmp_path / "a.zip", [("\u00e4.png", b"")])
+    source.write_bytes(source.read_bytes().replace("\u00e4".encode(), b"\xff\xfe"))
+    with pytest.raises(DataError, match="a.zip cannot be opened .*utf-8"):
+        load_btf(source)

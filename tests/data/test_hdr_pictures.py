@@ -7,6 +7,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 from PIL import Image
@@ -14,6 +15,7 @@ from PIL import Image
 from spmm_torch.data import Selection, load_btf
 from spmm_torch.data.codecs import openexr, radiance
 from spmm_torch.errors import DataError
+from tests.data.test_picture_set import write_zip
 from tests.planted.btfs import texel_major
 from tests.planted.pictures import encode_atrium, encode_png, random_codes, write_pictures
 
@@ -248,3 +250,33 @@ def test_hidden_and_foreign_files_are_left_out(tmp_path: Path, values: np.ndarra
         archive.writestr("__MACOSX/X/tl000 pl000 tv000 pv000.exr", b"mac")
         archive.writestr("X/preview.exr", b"not a picture of the set")
     assert torch.equal(load_btf(path).texels(), texel_major(values))
+
+
+def moved(picture: np.ndarray, column: int) -> bytes:
+    """An EXR that holds a part of a frame of 10 x 10 pixels, from a column on."""
+    last = (column + picture.shape[1] - 1, picture.shape[0] - 1)
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "dataWindow": (np.array((column, 0), np.int32), np.array(last, np.int32)),
+        "displayWindow": (np.zeros(2, np.int32), np.full(2, 9, np.int32)),
+    }
+    buffer = io.BytesIO()
+    OpenEXR.File(header, {"RGB": np.ascontiguousarray(picture)}).write(buffer)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(("columns", "fine"), [((3, 3), True), ((0, 1), False)])
+def test_parts_of_frames_must_be_the_same_part(
+    tmp_path: Path, columns: tuple[int, int], fine: bool
+) -> None:
+    """As programs write them that cut black borders off: of one size, but of other texels."""
+    picture = np.random.default_rng(4).random((4, 5, 3), dtype=np.float32)
+    names = ("tl000 pl000 tv000 pv000.exr", "tl015 pl000 tv000 pv000.exr")
+    files = [(name, moved(picture, at)) for name, at in zip(names, columns, strict=True)]
+    btf = load_btf(write_zip(tmp_path / "a.zip", files))
+    if fine:
+        assert torch.equal(btf.load().picture(0, 1), torch.from_numpy(picture))
+        return
+    with pytest.raises(DataError, match=r"the part of its frame from \(1, 0\) on; expected that"):
+        btf.load()

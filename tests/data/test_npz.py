@@ -273,3 +273,22 @@ def test_names_of_materials_are_kept(tmp_path: Path) -> None:
 def test_names_that_do_not_fit_are_refused(tmp_path: Path, names: np.ndarray) -> None:
     with pytest.raises(DataError, match=r"'names' of .* expected \[20\] texts"):
         load_btf(save(tmp_path / "a.npz", names=names))
+
+
+def test_what_numpy_advises_is_not_handed_on(tmp_path: Path) -> None:
+    """A header beyond its limit: three lines, and the advice to unpickle."""
+    np.savez(tmp_path / "a.npz", values=make_values(), view=VIEW, light=LIGHT)
+    with (
+        zipfile.ZipFile(tmp_path / "a.npz") as source,
+        zipfile.ZipFile(tmp_path / "b.npz", "w") as target,
+    ):
+        for name in source.namelist():
+            content = source.read(name)
+            end = 10 + int.from_bytes(content[8:10], "little")
+            header = content[10:end].rstrip() + b" " * 20_000 + b"\n"
+            start = b"\x93NUMPY\x02\x00" + len(header).to_bytes(4, "little")
+            target.writestr(name, start + header + content[end:])
+    with pytest.raises(DataError) as caught:
+        load_btf(tmp_path / "b.npz")
+    assert "\n" not in str(caught.value)
+    assert "allow_pickle" not in str(caught.value)

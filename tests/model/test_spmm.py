@@ -348,3 +348,29 @@ def test_half_precision_is_refused(model: SPMM, dtype: torch.dtype) -> None:
     wi, wo = directions(4, 1).to(dtype), directions(4, 2).to(dtype)
     with pytest.raises(DataError, match="expected float32 or float64"):
         model(torch.rand(4, 2), wi, wo)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"height": "-8"},
+        {"height": "4"},
+        {"weights.index": 200},
+        {"weights.label": 100},
+        {"weights.count": 9},
+    ],
+)
+def test_a_file_whose_parts_do_not_fit_each_other_is_refused(
+    tmp_path: Path, change: dict[str, str | int]
+) -> None:
+    """Not met as an error of a tensor, or a wrong texel, by whoever looks one up."""
+    tensors, metadata = build().to_tensors()
+    ((name, value),) = change.items()
+    if isinstance(value, str):
+        metadata[name] = value
+    else:
+        tensors[name] = tensors[name].clone()
+        tensors[name][-1] = value
+    (tmp_path / "model.safetensors").write_bytes(tensor_file.pack(tensors, metadata))
+    with pytest.raises(OutputError, match="lacks a part of the model"):
+        SPMM.load(tmp_path)

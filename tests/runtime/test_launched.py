@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 import torch
 
-from spmm_torch.errors import ConfigError
+from spmm_torch.errors import ConfigError, SPMMError
 from spmm_torch.runtime.device import local_device, resolve_device
 from spmm_torch.runtime.ranks import ALONE, joined_ranks, launched, local_count, speaks
 
@@ -60,3 +62,26 @@ def test_there_is_one_cpu(name: str) -> None:
     with pytest.raises(ConfigError, match=f"device is '{name}'; expected auto, cpu, cuda or"):
         resolve_device(name)
     assert resolve_device("cpu:0").type == "cpu"
+
+
+@pytest.mark.parametrize("fault", ["rank", "port"])
+def test_processes_that_cannot_meet_are_told_in_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        given = {
+            "MASTER_ADDR": "127.0.0.1",
+            "MASTER_PORT": str(other.getsockname()[1]),
+            "RANK": "5" if fault == "rank" else "0",
+            "WORLD_SIZE": "2",
+        }
+        for name, value in given.items():
+            monkeypatch.setenv(name, value)
+        with (
+            pytest.raises(SPMMError, match=r"cannot meet at 127.0.0.1:\d+ \(.*torchrun") as caught,
+            joined_ranks(torch.device("cpu")),
+        ):
+            pass
+    assert "\n" not in str(caught.value)

@@ -11,7 +11,11 @@ from ..codes import Expansion
 
 
 class Codec(Protocol):
-    """The names in the module of a codec."""
+    """The names in the module of a codec.
+
+    One whose pictures may be parts of a frame also has `corner(payload)`, the column and row in it
+    of their first pixel.
+    """
 
     @property
     def TITLE(self) -> str:  # noqa: N802

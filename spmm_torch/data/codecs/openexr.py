@@ -1,7 +1,8 @@
 """OpenEXR pictures (.exr): half or single floats, kept bit for bit.
 
 `exr_layers.py` finds the channels of the colour. X, Y and Z become linear sRGB, Y alone is grey;
-other channels and the display window are ignored. The OpenEXR library reads and writes in memory.
+other channels are ignored, and so is what the display window has beyond the pixels. The OpenEXR
+library reads and writes in memory.
 """
 
 from __future__ import annotations
@@ -59,6 +60,18 @@ def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
     # Planes of float16 and float32 are stacked to float32.
     picture = np.stack(planes if len(planes) == 3 else planes * 3, axis=-1)
     return _srgb_of_xyz(picture) if layer.is_xyz else picture
+
+
+def corner(payload: bytes) -> tuple[int, int]:
+    """Column and row of the first pixel, in the frame of which a picture may be a part.
+
+    Raises:
+        ValueError: the header is malformed, or has no colour channels.
+    """
+    headers = [part.header for part in _open(payload, header_only=True).parts]
+    header = headers[find_layer(headers).part]
+    data, frame = header["dataWindow"][0], header["displayWindow"][0]
+    return int(data[0]) - int(frame[0]), int(data[1]) - int(frame[1])
 
 
 def expansion(gamma: float) -> Expansion:

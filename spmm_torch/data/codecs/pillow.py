@@ -30,6 +30,10 @@ MODES = frozenset({"1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX"})
 # Largest number of pixels that a byte can code in any format; a header may lie.
 MAX_PIXELS_PER_BYTE = 4096
 PNG_DEPTH = 24  # position of the bit depth in a PNG
+# The first bytes of a PNG, what a chunk of it has beside its content, and chunks without pixels, of
+# which Pillow refuses large ones: colour profiles and texts, as of programs that keep their scene.
+PNG_START, PNG_CHUNK = b"\x89PNG\r\n\x1a\n", 12
+PNG_NOTES = frozenset({b"iCCP", b"tEXt", b"zTXt", b"iTXt"})
 
 
 def accepts(head: bytes) -> bool:
@@ -44,7 +48,12 @@ def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
         OSError: the picture is truncated or of no known format.
         ValueError: the picture is neither RGB nor grey, transparent, or one of several in the file.
     """
-    return decode_as(payload, FORMATS, ignore_alpha)
+    try:
+        return decode_as(payload, FORMATS, ignore_alpha)
+    except ValueError:
+        if not payload.startswith(PNG_START) or (bare := _without_notes(payload)) == payload:
+            raise
+    return decode_as(bare, FORMATS, ignore_alpha)
 
 
 def decode_as(payload: bytes, formats: tuple[str, ...], ignore_alpha: bool) -> np.ndarray:
@@ -67,6 +76,17 @@ def decode_as(payload: bytes, formats: tuple[str, ...], ignore_alpha: bool) -> n
 def expansion(gamma: float) -> Expansion:
     """The expansion of codes that were encoded with a display gamma."""
     return DepthExpansion(gamma)
+
+
+def _without_notes(payload: bytes) -> bytes:
+    """A PNG without texts and colour profiles."""
+    kept, place = [PNG_START], len(PNG_START)
+    while place < len(payload):
+        length = int.from_bytes(payload[place : place + 4], "big") + PNG_CHUNK
+        if payload[place + 4 : place + 8] not in PNG_NOTES:
+            kept.append(payload[place : place + length])
+        place += length
+    return b"".join(kept)
 
 
 def _opened(payload: bytes, formats: tuple[str, ...]) -> Image.Image:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import zlib
 
 import imagecodecs
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageOps
+from PIL.PngImagePlugin import PngInfo
 
 from spmm_torch.data.codecs import DECODE_ERRORS, codec_of, pillow, tiff
 from spmm_torch.data.codecs.arrangement import ORIENTATION_TAG
@@ -164,6 +166,18 @@ def test_transparency_is_ignored_where_asked() -> None:
     for codes in (BYTES, WORDS):
         payload = png(codes)
         np.testing.assert_array_equal(pillow.decode(payload, ignore_alpha=True), codes[..., :3])
+
+
+@pytest.mark.parametrize("kind", ["text", "text after the pixels", "profile"])
+def test_a_png_with_large_notes_is_read(kind: str) -> None:
+    """As of programs that keep their whole scene in it [Pillow issues 2445 and 8363]."""
+    pixels = RNG.integers(0, 256, (4, 6, 3), dtype=np.uint8)
+    notes, buffer = PngInfo(), io.BytesIO()
+    if kind != "profile":
+        notes.add(b"zTXt", b"scene\0\0" + zlib.compress(bytes(3_000_000)), kind != "text")
+    profile = bytes(3_000_000) if kind == "profile" else None
+    Image.fromarray(pixels).save(buffer, "PNG", pnginfo=notes, icc_profile=profile)
+    np.testing.assert_array_equal(pillow.decode(buffer.getvalue()), pixels)
 
 
 NOISE = png(RNG.integers(0, 65536, (9, 7, 3), dtype=np.uint16))

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ DRIVER = shutil.which("chromedriver")
 CODE = "import sys; from spmm_torch.cli.main import main; sys.exit(main(sys.argv[1:]))"
 # A busy machine starts a browser slowly; nothing here waits longer than it must.
 PATIENCE = 60.0
-FLAGS = ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage")
+FLAGS = ("headless=new", "no-sandbox", "disable-dev-shm-usage")
 
 pytestmark = pytest.mark.slow
 
@@ -65,15 +66,22 @@ def address(run: Path, tmp_path: Path) -> Iterator[str]:
 @pytest.fixture
 def page(address: str) -> Iterator[Any]:
     """The page in a headless browser."""
+    with browser("disable-gpu", "window-size=1360,1040") as driver:
+        until(lambda: _opened(driver, address))
+        yield driver
+
+
+@contextmanager
+def browser(*flags: str) -> Iterator[Any]:
+    """A headless browser."""
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for flag in (*FLAGS, "window-size=1360,1040"):
+    for flag in (*FLAGS, *flags):
         options.add_argument(f"--{flag}")
     driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
     try:
-        until(lambda: _opened(driver, address))
         yield driver
     finally:
         driver.quit()
@@ -160,6 +168,33 @@ def test_a_session_in_the_browser(page: Any, run: Path, tmp_path: Path) -> None:
     drag(page, "hue", -24)
     click(page, "save")  # what this session has saved is replaced
     until(lambda: edits.exists() and Script.read(edits).to_yaml() != before)
+
+
+def test_keys_undo_and_redo(page: Any) -> None:
+    """Wherever the focus is; in a line of text, the keys are those of the line."""
+    drag(page, "intensity", 24)
+    until(lambda: text(page, "script").startswith("- intensity:"))
+    press(page, "z")
+    until(lambda: text(page, "script") == "no edits yet")
+    press(page, "y")
+    until(lambda: text(page, "script").startswith("- intensity:"))
+
+
+def test_sliders_have_room_in_a_narrow_window(page: Any) -> None:
+    page.set_window_size(1024, 900)
+    until(lambda: page.execute_script("return window.innerWidth") <= 1024)
+    tracks = page.find_elements("css selector", ".row .v-slider-track")
+    assert len(tracks) > 10
+    assert min(track.size["width"] for track in tracks) > 100
+    width = page.execute_script("return document.documentElement.scrollWidth - window.innerWidth")
+    assert width <= 0  # nothing beyond the window
+
+
+def press(page: Any, key: str) -> None:
+    """Presses a key together with Ctrl."""
+    from selenium.webdriver import ActionChains, Keys
+
+    ActionChains(page).key_down(Keys.CONTROL).send_keys(key).key_up(Keys.CONTROL).perform()
 
 
 def select_quarter(page: Any) -> None:
