@@ -54,7 +54,7 @@ class Lafortune(BRDF):
         planar = wi[..., 0] * wo[..., 0] + wi[..., 1] * wo[..., 1]
         base = (c_xy * planar + wi[..., 2] * wo[..., 2]) / c_xy.abs().clamp(min=1.0)
         lobe = exp_of_negative(n * torch.log(base.clamp(min=BASE_EPS)))
-        lit = above_horizon(wi, wo) * (base - BASE_EPS).sign().clamp(min=0.0)
+        lit = above_horizon(wi, wo) * (base - BASE_EPS).detach().sign().clamp(min=0.0)
         return (n + 2.0) / (2.0 * math.pi) * lobe * lit
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
