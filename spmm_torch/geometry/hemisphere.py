@@ -77,8 +77,8 @@ class HemisphereInterpolation:
 
     def to(self, device: torch.device | str) -> HemisphereInterpolation:
         """The same interpolation on another device."""
-        parts = (self.directions, self.triangles, self.inverse, self.third, self.candidates)
-        return HemisphereInterpolation(*(part.to(device) for part in parts), self.covers)
+        parts = {name: part for name, part in vars(self).items() if isinstance(part, Tensor)}
+        return replace(self, **{name: part.to(device) for name, part in parts.items()})
 
     def weights(self, w: Tensor) -> tuple[Tensor, Tensor]:
         """Measured directions around `w [..., 3]` and their weights, which are >= 0 and sum to 1.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
+from torch._C._functorch import maybe_current_level
 from torch._functorch.pyfunctorch import temporarily_clear_interpreter_stack
 from torch.utils._python_dispatch import _disable_current_modes
 
@@ -88,7 +89,7 @@ class DenseTables:
 
 def traced() -> bool:
     """Whether torch records or transforms what is computed: compile, export, vmap, grad, jvp."""
-    return torch.compiler.is_compiling() or torch._C._functorch.maybe_current_level() is not None
+    return torch.compiler.is_compiling() or maybe_current_level() is not None
 
 
 @contextmanager
@@ -114,14 +115,14 @@ def values(
     """
     tables = model.padded_tables()
     if torch.compiler.is_compiling():  # the number of queries stays open
-        return _values(model, tables, uv, wi, wo, residual)
+        return _values(model, tables, uv, wi, wo, residual=residual)
     size = max(1, block // max(1, 4 * tables.places))
     parts = zip(*(part.split(size) for part in (uv, wi, wo)), strict=True)
-    return torch.cat([_values(model, tables, *part, residual) for part in parts])
+    return torch.cat([_values(model, tables, *part, residual=residual) for part in parts])
 
 
 def _values(
-    model: SPMM, tables: DenseTables, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool
+    model: SPMM, tables: DenseTables, uv: Tensor, wi: Tensor, wo: Tensor, *, residual: bool
 ) -> Tensor:
     """`values` of one block of queries."""
     uv = model.held(uv)
@@ -153,18 +154,20 @@ def lobe_sums(
         texel, bilinear: four texels of each query and their weights, `[Q, 4]`.
         wi, wo: directions `[Q, 3]`.
     """
-    frame = frame_from_normal(lobes.normal, lobes.angle)  # [J, 3, 3]
+    frame = frame_from_normal(lobes.normal, lobes.angle).flatten(1)  # [J, 9]
+    table = torch.cat((frame, lobes.kappa), dim=1)  # one lookup of a lobe gives all of it
     padded = torch.cat((weight, weight.new_zeros(1, weight.shape[1])))  # [N + 1, C]
-    texel, bilinear = texel.T, bilinear.T  # queries last, as long loops want it
+    # Queries last, in memory too: the innermost loop of compiled code then runs over them.
+    texel, bilinear = (torch.stack(part.unbind(-1)) for part in (texel, bilinear))  # [4, Q]
     total = bilinear.sum(0)[:, None] * padded.new_zeros(padded.shape[1])  # [Q, C]
     for group in tables.groups:
         place = torch.arange(group.entry.shape[1], device=texel.device)[:, None, None]
-        which, lobe = (table[texel, place].long() for table in (group.entry, group.lobe))
-        rotation = tuple(tuple(part[lobe] for part in row) for row in entries(frame))
-        parts = lobes.kappa[lobe], rotation, wi, wo  # [M, 4, Q, ...]
-        rho = eval_rotated(group.model, *parts, lobes.horizon, lobes.lowest) * bilinear
-        sums = [(rho * column[which]).sum((0, 1)) for column in padded.unbind(1)]
-        total = total + torch.stack(sums, dim=-1)
+        entry, lobe = (part[texel, place].long() for part in (group.entry, group.lobe))
+        row = table[lobe]  # [M, 4, Q, 9 + P]
+        rotation, kappa = entries(row[..., :9].unflatten(-1, (3, 3))), row[..., 9:]
+        ends = lobes.horizon, lobes.lowest
+        rho = eval_rotated(group.model, kappa, rotation, wi, wo, *ends) * bilinear
+        total = total + (rho[..., None] * padded[entry]).sum((0, 1))
     return total
 
 

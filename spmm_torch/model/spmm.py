@@ -248,6 +248,7 @@ class SPMM(nn.Module):
 
     @wrap.setter
     def wrap(self, wrap: str | None) -> None:
+        """Sets how uv go on."""
         if wrap not in (None, CLAMP, *RULES):
             raise ConfigError(
                 f"wrap is {wrap!r}; expected one of {', '.join((*RULES, CLAMP))}, or None for the "
