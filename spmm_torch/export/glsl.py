@@ -11,7 +11,7 @@ from ..errors import OutputError
 from ..geometry.directions import MIRROR
 from ..model.spmm import SPMM
 
-FOLDER = files(__package__) / "web_page" / "glsl"
+FOLDER = files("spmm_torch.export") / "web_page" / "glsl"
 # Parts before and after the BRDFs, in the order in which they name each other.
 BEFORE = ("numbers", "frame", "cut", "half_vector")
 AFTER = ("texture", "relief", "mixture", "measured_pairs", "residual", "value")

@@ -180,7 +180,7 @@ def shader_text(model: SPMM, slots: Slots) -> str:
         steepest(model.view, STEEPEST),
     )
     environment = Environment(
-        loader=PackageLoader(__package__ or "", "osl_shader"),
+        loader=PackageLoader("spmm_torch.export", "osl_shader"),
         undefined=StrictUndefined,
         trim_blocks=True,
         keep_trailing_newline=True,

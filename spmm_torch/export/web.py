@@ -34,7 +34,7 @@ from .glsl import glsl, reflectance_shader
 from .loss import has_residual
 from .target import Exported
 
-FOLDER = files(__package__) / "web_page"
+FOLDER = files("spmm_torch.export") / "web_page"
 # Scripts in the order in which they name each other.
 SCRIPTS = (
     "model",
@@ -115,7 +115,7 @@ def page_text(model: SPMM) -> str:
         {"model.glsl": reflectance_shader(model), **shaders},
     )
     environment = Environment(
-        loader=PackageLoader(__package__ or "", "web_page"),
+        loader=PackageLoader("spmm_torch.export", "web_page"),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
