@@ -69,3 +69,21 @@ def test_values_and_densities_are_those_of_torch(build: Any, mi: Any, tmp_path: 
         expected, density = model(uv, wi, wo), model.pdf(uv, wi, wo)
     torch.testing.assert_close(values(found[0]), expected, rtol=2e-5, atol=2e-6)
     torch.testing.assert_close(values(found[1]), density, rtol=2e-5, atol=2e-6)
+
+
+def test_samples_weigh_their_value_over_their_density(mi: Any, tmp_path: Path) -> None:
+    run = model_folder(tmp_path / "run", planted_model(size=4, names=("ward", "oren_nayar")))
+    bsdf, context = mi.load_dict({"type": "spmm", "filename": str(run)}), mi.BSDFContext()
+    uv, wi, wo = random_queries(500)
+    si, light, numbers = interaction(mi, uv, wo), vectors(mi, wi), torch.rand(3, 500).numpy()
+    first, others = mi.Float(numbers[0]), mi.Point2f(numbers[1], numbers[2])
+    value, density, drawn, weight = bsdf.eval_pdf_sample(context, si, light, first, others)
+    alone, weight_alone = bsdf.sample(context, si, first, others)
+    expected, expected_density = bsdf.eval_pdf(context, si, drawn.wo)
+    torch.testing.assert_close(values(drawn.wo), values(alone.wo))
+    torch.testing.assert_close(values(weight), values(weight_alone))
+    torch.testing.assert_close(values(drawn.pdf), values(expected_density), rtol=1e-3, atol=1e-5)
+    product = values(weight) * values(drawn.pdf)[:, None]
+    torch.testing.assert_close(product, values(expected), rtol=1e-3, atol=1e-5)
+    torch.testing.assert_close(values(value), values(bsdf.eval(context, si, light)))
+    torch.testing.assert_close(values(density), values(bsdf.pdf(context, si, light)))
