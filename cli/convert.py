@@ -1,6 +1,7 @@
 """Write a BTF in another format.
 
---gamma holds for the 8-bit pictures of INPUT and of OUT alike.
+--gamma holds for the 8-bit pictures of INPUT and of OUT alike, --rows for INPUT. Where OUT cannot
+hold all of INPUT, one line says what is lost before it is written.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .inputs import decode
 from .parser import Parser, add_output, file_name
 from .settings import add_settings, read_settings
 
-READING = ("gamma", "cosine", "negative", "pattern", "rings")
+READING = ("gamma", "cosine", "negative", "pattern", "rings", "rows")
 
 
 def add_options(parser: Parser) -> None:
@@ -48,8 +49,15 @@ def run(options: argparse.Namespace) -> list[str]:
     btf = load_input(options.input, read_settings(DataConfig, options))
     decode(btf, progress)
     total = len(btf.view) if writer.unit == "views" else btf.texel_count
-    with progress.stage("write", total, writer.unit) as stage:
-        writer.write(target, btf, settings, stage.to)
+    if writer.prepare is None:
+        with progress.stage("write", total, writer.unit) as stage:
+            writer.write(target, btf, settings, stage.to)
+        return [str(target)]
+    with progress.stage("prepare", total, writer.unit) as stage:
+        prepared = writer.prepare(btf, settings, stage.to)
+    progress.say(prepared.loss)
+    with progress.stage("write"):
+        prepared.write(target)
     return [str(target)]
 
 

@@ -58,6 +58,13 @@ class DataConfig:
         "lights: 81 (those of UBO2003) or 151 (of UBO2014)",
         choices=(81, 151),
     )
+    rows: str = setting(
+        "top",
+        "row of the pictures that comes first in a .btf file that does not tell: top, as the "
+        "library of the format's authors reads, or bottom, as btf.hh, BTF_extractor and spmm before "
+        "0.2 do",
+        choices=("top", "bottom"),
+    )
     crop: tuple[int, ...] | None = setting(
         None, "rectangle of texels to fit: left column, top row, width, height; null: all", low=0
     )

@@ -20,8 +20,9 @@ COSINES = ("auto", "included", "missing")
 NEGATIVES = ("refuse", "clip", "keep")
 MISSING = ("refuse", "mask")
 RINGS = (81, 151)
+ROWS = ("top", "bottom")
 # Options that are settings of a fit by the same names.
-SHARED = ("gamma", "cosine", "negative", "missing", "pattern", "rings")
+SHARED = ("gamma", "cosine", "negative", "missing", "pattern", "rings", "rows")
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class ReadOptions:
             behind "tl", "pl", "tv" and "pv".
         rings: number of directions at which tables of BRDFs are read, 81 (those of UBO2003) or 151
             (of UBO2014).
+        rows: row of the pictures that comes first in a `.btf` file that does not tell, "top" or
+            "bottom"; files written here tell.
 
     Raises:
         ConfigError: a value is out of its range, or the pattern is malformed.
@@ -54,6 +57,7 @@ class ReadOptions:
     missing: str = "refuse"
     pattern: str | None = None
     rings: int = 81
+    rows: str = "top"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.gamma) and self.gamma > 0.0):
@@ -68,6 +72,7 @@ class ReadOptions:
             ("negative", NEGATIVES),
             ("missing", MISSING),
             ("rings", RINGS),
+            ("rows", ROWS),
         ):
             value = getattr(self, name)
             if value not in choices:

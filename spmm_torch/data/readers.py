@@ -104,7 +104,8 @@ def load_input(path: Path | str, settings: DataConfig, seed: int = 0) -> BTF:
 def obeying(btf: BTF, settings: DataConfig, seed: int = 0) -> BTF:
     """A BTF as the settings of a fit ask for it, however it was opened; else the BTF itself.
 
-    A setting at its default asks for nothing. Gamma, gaps, names and rings concern files alone.
+    A setting at its default asks for nothing. Gamma, gaps, names, rings and rows concern files
+    alone.
 
     Args:
         btf: opened by `load_btf`, made from values, or a part of such.
@@ -116,7 +117,7 @@ def obeying(btf: BTF, settings: DataConfig, seed: int = 0) -> BTF:
         DataError: the file is gone or changed, or has no such part.
     """
     asked = _asked(btf.read_as, settings)
-    if {"gamma", "missing", "pattern", "rings"} & asked.keys() and btf.path:
+    if {"gamma", "missing", "pattern", "rings", "rows"} & asked.keys() and btf.path:
         options = ReadOptions.of(replace(btf.read_as, **asked))
         btf = _same_part(load_btf(btf.path, options), btf)
     if "negative" in asked:

@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from ..config.fit import FitConfig
+from ..config.written import read_yaml
 from ..data import BTF, load_input
 from ..errors import DataError, OutputError
 from ..report.contract import FILE_NAME as REPORT_FILE
 from ..runtime.tensor_file import MODEL_FILE
 from .folder import CONFIG
+
+# How earlier releases read: settings in `data` that their runs do not state, as they had none.
+EARLIER_READING = {"rows": "bottom"}
 
 
 def read_input(
@@ -84,15 +88,18 @@ def _roots(run: Path | str) -> list[Path]:
 def run_settings(run: Path | str) -> FitConfig:
     """The settings of a run; the defaults where a model stands alone, without a run.
 
+    A `.btf` is read as the fit read it, also by a run of a release before 0.2 (`EARLIER_READING`).
+
     Raises:
         ConfigError: the settings of the run are gone or not valid.
     """
     path = run_folder(run) / CONFIG
-    return (
-        FitConfig()
-        if _named_input(run) is None and not path.is_file()
-        else FitConfig.from_yaml(path)
-    )
+    if _named_input(run) is None and not path.is_file():
+        return FitConfig()
+    settings = FitConfig.from_yaml(path)
+    stated = read_yaml(path).get("data") or {}
+    earlier = {key: value for key, value in EARLIER_READING.items() if key not in stated}
+    return replace(settings, data=replace(settings.data, **earlier))
 
 
 def has_input(run: Path | str) -> bool:

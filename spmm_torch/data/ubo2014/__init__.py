@@ -1,14 +1,18 @@
 """The `.btf` files of UBO2014: factorizations of a BTF, which are never expanded as a whole.
 
 `header` describes a file, `layout` parses and checks it, `store` computes values from the factors,
-and `colour` converts them to RGB; `factorize` and `write` make such files.
+and `colour` converts them to RGB; `truncate`, `factorize` and `write` make such files.
 
 Conventions where the format leaves a choice to the reader:
 
 * Values are cosine-weighted. The cosine flag tells whether the cosine of the light is "already
   multiplied into the data" (the format's authors); where the flag is zero, values are multiplied
-  by it here. Headers of version 0 and 1 have no flag: the cosine is taken as included.
-* Pictures and the height map are stored with the bottom row first, and flipped here.
+  by it here. Headers of version 0 and 1 have no flag: the cosine is taken as included. Written
+  files hold values without it, as `btf.hh` stops at the flag 1 where its assertions are on.
+* Pictures and the height map start with their top row, as in the library of the format's authors
+  (`decode_dfmf_texture`) and pysmtb; `btf.hh` and BTF_extractor take the bottom row to come first.
+  Written files state their order (`order`); for all others `options.rows` decides.
+* The factored matrix may be the transpose, of texels by pairs: the rows of U tell, as there.
 * Reconstruction rings below zero in places: such values become zero. There is no upper limit.
 """
 
@@ -29,7 +33,8 @@ from ..pictures import material_name
 from .header import MAGICS, Header
 from .layout import read_header, read_layout
 from .store import FactorStore, open_store
-from .write import FactorRows, write_factors, write_ubo2014
+from .truncate import truncate, write_ubo2014
+from .write import FactorRows, write_factors
 
 __all__ = [
     "EXPECTED",
@@ -39,11 +44,17 @@ __all__ = [
     "accepts",
     "read",
     "read_header",
+    "truncate",
     "write_factors",
     "write_ubo2014",
 ]
 
 EXPECTED = "a UBO2014 .btf"
+# Note on a file that does not state the order of its rows.
+ASSUMED = (
+    "{} does not tell which row of its pictures comes first: the {} row is taken (data.rows); the "
+    "library of the format's authors takes the top row, btf.hh and spmm before 0.2 the bottom row"
+)
 # Largest bytes of a value, float32, by which the raw size of a BTF is counted.
 MAX_BYTES_PER_VALUE = 4
 
@@ -65,7 +76,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         DataError: the file is not supported or damaged, or a direction is not valid.
     """
     source = Path(path)
-    layout = read_layout(source)
+    layout = read_layout(source, options.rows)
     header = layout.header
     return BTF(
         name=material_name(source),
@@ -79,6 +90,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         hdr=None,
         streamed=True,
         cosine_missing=header.cosine is False,
+        notes=() if header.rows else (ASSUMED.format(path, layout.rows),),
     )
 
 

@@ -6,6 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .colour import RGB, Encoding
+from .order import BOTTOM, TOP
+
 DFMF, FMF06, FMF12 = "DFMF08FC", "FMF06FC", "FMF12FCE"
 VARIANTS = (DFMF, FMF06, FMF12)
 # Per-view factorizations and unfactored data, which no public loader reads.
@@ -41,7 +44,8 @@ class Header:
         width, height: size of the pictures.
         view, light: angles (polar, azimuth) in radians, float32 `[V, 2]` and `[L, 2]`.
         cosine: whether values contain the cosine of the light; None if the file does not tell.
-        colour_model: 0 for RGB, 11 for log Y, U / Y, V / Y (DFMF08FC only).
+        colour_model: one of `colour.MODELS`, such as 0 for RGB, 11 for log Y, U / Y, V / Y
+            (DFMF08FC only; 0 in the others).
         log_values: whether values are logarithms, "dynamic range reduction" (FMF12FCE only).
         height_map: codes `[h, w]` uint16, row 0 at the top, into which the format's authors store
             the bits of float16 (FMF12FCE only).
@@ -50,10 +54,12 @@ class Header:
         pixels_per_mm: resolution of the pictures.
         rgb_scale: factors of the channels as stored; no public loader applies them.
         xml: description of the measurement.
+        rows: row of the pictures that comes first in the file, "top" or "bottom", as a file of this
+            package states behind its XML; None if the file does not tell.
         channel_names: name of each channel.
         rotations: local frames `[n, 3, 3]` float32 as stored; no public loader applies them.
-        colour_mean, colour_transform: `[3]` and `[3, 3]` as stored; colour models 0 and 11 do not
-            use them.
+        colour_mean, colour_transform: `[3]` and `[3, 3]` as stored; only colour model 3 (PCA) uses
+            them.
     """
 
     variant: str
@@ -62,7 +68,7 @@ class Header:
     view: np.ndarray
     light: np.ndarray
     cosine: bool | None = True
-    colour_model: int = 0
+    colour_model: int = RGB
     log_values: bool = False
     height_map: np.ndarray | None = None
     version: int = 4
@@ -72,10 +78,17 @@ class Header:
     pixels_per_mm: float = 1.0
     rgb_scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     xml: str = ""
+    rows: str | None = None
     channel_names: tuple[str, ...] = CHANNEL_NAMES
     rotations: np.ndarray = field(default_factory=_no_rotations)
     colour_mean: tuple[float, ...] = (0.0, 0.0, 0.0)
     colour_transform: np.ndarray = field(default_factory=_identity)
+
+    @property
+    def encoding(self) -> Encoding:
+        """What the channels of the factors stand for."""
+        transform = tuple(map(tuple, self.colour_transform.tolist()))
+        return Encoding(self.colour_model, self.log_values, transform, self.colour_mean)
 
     @property
     def texel_count(self) -> int:
@@ -95,7 +108,21 @@ class Header:
     @property
     def factor_rows(self) -> int:
         """The rows of the factored matrix: D, or D C for one matrix of all channels."""
-        return self.pair_count * (CHANNELS // self.factor_count)
+        return self.pair_count * self.joint_channels
+
+    @property
+    def joint_channels(self) -> int:
+        """The channels of one factored matrix: 1, or C for one matrix of all channels."""
+        return CHANNELS // self.factor_count
+
+    @property
+    def factor_shapes(self) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Rows and columns of a factored matrix: of pairs by texels, and of its transpose."""
+        joint = self.joint_channels
+        return (self.pair_count * joint, self.texel_count), (
+            self.texel_count * joint,
+            self.pair_count,
+        )
 
 
 @dataclass(frozen=True)
@@ -120,12 +147,14 @@ class Matrix:
 
 @dataclass(frozen=True)
 class Factors:
-    """The place of one factorization U SV^T in a file.
+    """The place of one factorization in a file, of a matrix of pairs by texels or its transpose.
 
     Args:
-        singular_values: one row `[1, k]`; SV contains them already.
-        left: U `[rows, k]`, one row for each direction pair (and channel, channel fastest).
-        right: SV `[T, k]`, one row for each texel, with the bottom row of pictures first.
+        singular_values: one row `[1, k]`; the second matrix in the file contains them already.
+        left: matrix `[D, k]` or `[D C, k]`, a row for each direction pair (and channel, channel
+            fastest): U, or SV of a transposed matrix.
+        right: matrix `[T, k]` or `[T C, k]`, a row for each texel (and channel, channel fastest),
+            with rows of pictures in the order of the file: SV, or U of a transposed matrix.
     """
 
     singular_values: Matrix
@@ -135,12 +164,45 @@ class Factors:
 
 @dataclass(frozen=True)
 class Layout:
-    """The header of a checked file, and the places of its factors, one for each or all channels."""
+    """The header of a checked file, and the places of its factors, one for each or all channels.
+
+    Args:
+        header: header of the file.
+        factors: places of the factors.
+        rows: row of the pictures that is taken to come first, "top" or "bottom".
+    """
 
     header: Header
     factors: tuple[Factors, ...]
+    rows: str = TOP
 
     @property
     def scalar_bytes(self) -> int:
         """Bytes of one number of the factors: 2, 4 or 8."""
         return self.factors[0].right.dtype.itemsize
+
+    def left_rows(self, pairs: np.ndarray) -> list[RowsOf]:
+        """The rows of direction pairs `[n]`, of each channel or of one for all channels."""
+        matrices = [part.left for part in self.factors]
+        return _of_channels(matrices, pairs, self.header.pair_count)
+
+    def right_rows(self, texels: np.ndarray) -> list[RowsOf]:
+        """The rows of texels `[n]`, t = row * W + column, of each channel or of one for all."""
+        if self.rows == BOTTOM:
+            row, column = np.divmod(texels, self.header.width)
+            texels = (self.header.height - 1 - row) * self.header.width + column
+        matrices = [part.right for part in self.factors]
+        return _of_channels(matrices, texels, self.header.texel_count)
+
+
+RowsOf = tuple[Matrix, np.ndarray]  # a matrix and indices of some of its rows
+
+
+def _of_channels(matrices: list[Matrix], rows: np.ndarray, count: int) -> list[RowsOf]:
+    """The rows of each channel, of matrices with a row for each of `count` things.
+
+    A matrix of C times as many rows holds all channels, channel fastest.
+    """
+    if matrices[0].rows != CHANNELS * count:
+        return [(matrix, rows) for matrix in matrices]
+    return [(matrices[0], rows * CHANNELS + channel) for channel in range(CHANNELS)]

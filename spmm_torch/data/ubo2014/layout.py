@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import DataError
-from .colour import LOG_YUV, RGB
+from ...errors import DataError, alternatives
+from .colour import MODELS
 from .cursor import Cursor
 from .header import (
     BEFORE_CHANNELS,
@@ -33,30 +33,40 @@ from .header import (
     Layout,
     Matrix,
 )
+from .order import TOP, split_mark
 from .sampling import read_sampling
 
 # Offset of the version if the letter R and the size of the header precede it.
 VERSION_AFTER_LETTER = 5
 
 
-def read_header(path: Path | str) -> Header:
+def read_header(path: Path | str, rows: str = TOP) -> Header:
     """The header of a file, whose factors are not read.
+
+    Args:
+        path: the file.
+        rows: row of the height map that comes first, as in `read_layout`.
 
     Raises:
         DataError: the file is not supported or damaged.
     """
-    return read_layout(Path(path)).header
+    return read_layout(Path(path), rows).header
 
 
-def read_layout(path: Path) -> Layout:
+def read_layout(path: Path, rows: str = TOP) -> Layout:
     """The header of a file and the places of its factors, all checked.
+
+    Args:
+        path: the file.
+        rows: row of the pictures that comes first in a file that does not tell: "top", as the
+            library of the format's authors reads, or "bottom".
 
     Raises:
         DataError: the file is not supported or damaged, or cannot be opened.
     """
     try:
         with path.open("rb") as stream:
-            return _parse(Cursor(path, stream, os.fstat(stream.fileno()).st_size))
+            return _parse(Cursor(path, stream, os.fstat(stream.fileno()).st_size), rows)
     except OSError as error:
         raise DataError(
             f"{path} cannot be read ({error}); expected a UBO2014 .btf file; check that it is "
@@ -64,7 +74,7 @@ def read_layout(path: Path) -> Layout:
         ) from error
 
 
-def _parse(cursor: Cursor) -> Layout:
+def _parse(cursor: Cursor, rows: str) -> Layout:
     """The layout of a file from its first to its last byte."""
     variant = _variant(cursor)
     with_rotations = _has_rotations(cursor)
@@ -73,14 +83,15 @@ def _parse(cursor: Cursor) -> Layout:
     fields = {"variant": variant} | _description(cursor) | read_sampling(cursor)
     if with_rotations:
         fields["rotations"] = _rotations(cursor)
+    rows = fields["rows"] or rows
     if variant == DFMF:
         header = Header(**fields, **_colour_model(cursor))
         factors = _channel_factors(cursor, header)
     else:
-        header = Header(**fields, **(_extension(cursor) if variant == FMF12 else {}))
+        header = Header(**fields, **(_extension(cursor, rows) if variant == FMF12 else {}))
         factors = _shared_factors(cursor, header)
     cursor.finish()
-    return Layout(header, factors)
+    return Layout(header, factors, rows)
 
 
 def _variant(cursor: Cursor) -> str:
@@ -113,7 +124,7 @@ def _description(cursor: Cursor) -> dict[str, Any]:
     start = cursor.position
     size = cursor.integer("<u4", "the size of the header")
     version = cursor.integer("<u4", "the version of the header")
-    fields: dict[str, Any] = {"version": version, "cosine": None}
+    fields: dict[str, Any] = {"version": version, "cosine": None, "rows": None}
     for key in ("setup", "sensor", "light_source"):
         fields[key] = cursor.text(TEXT_BYTES, f"the text {key!r}")
     fields["pixels_per_mm"] = float(cursor.array("<f4", 1, "the resolution")[0])
@@ -122,7 +133,7 @@ def _description(cursor: Cursor) -> dict[str, Any]:
         fields["cosine"] = cursor.integer("<u4", "the cosine flag") != 0
     if version > BEFORE_XML:
         length = cursor.integer("<u4", "the length of the XML")
-        fields["xml"] = cursor.text(length, "the XML")
+        fields["xml"], fields["rows"] = split_mark(cursor.text(length, "the XML"))
     if version > BEFORE_CHANNELS:
         fields["channel_names"] = _channel_names(cursor)
     if cursor.position - start != size:
@@ -158,10 +169,9 @@ def _colour_model(cursor: Cursor) -> dict[str, Any]:
     cursor.integer("<u4", "the number of components")  # each channel has its own
     offset = cursor.position
     model = cursor.integer("<u4", "the colour model")
-    if model not in (RGB, LOG_YUV):
-        raise cursor.error(
-            f"has colour model {model}", offset, f"{RGB} (RGB) or {LOG_YUV} (log Y, U / Y, V / Y)"
-        )
+    if model not in MODELS:
+        known = [f"{number} ({words})" for number, words in MODELS.items()]
+        raise cursor.error(f"has colour model {model}", offset, alternatives(known))
     return {
         "colour_model": model,
         "colour_mean": tuple(cursor.array("<f4", 3, "the mean colour").tolist()),
@@ -169,8 +179,8 @@ def _colour_model(cursor: Cursor) -> dict[str, Any]:
     }
 
 
-def _extension(cursor: Cursor) -> dict[str, Any]:
-    """The fields that only FMF12FCE has."""
+def _extension(cursor: Cursor, rows: str) -> dict[str, Any]:
+    """The fields that only FMF12FCE has; `rows` is the order of the rows of pictures."""
     offset = cursor.position
     version = cursor.integer("<u1", "the version of the extension")
     if version > WITH_HEIGHT_MAP:
@@ -183,7 +193,8 @@ def _extension(cursor: Cursor) -> dict[str, Any]:
         height = cursor.integer("<u4", "the height of the height map")
         if width * height > 0:
             codes = cursor.array("<u2", width * height, "the height map").reshape(height, width)
-            fields["height_map"] = np.ascontiguousarray(codes[::-1], dtype=np.uint16)
+            codes = codes if rows == TOP else codes[::-1]
+            fields["height_map"] = np.ascontiguousarray(codes, dtype=np.uint16)
     return fields
 
 
@@ -222,20 +233,29 @@ def _scalar(cursor: Cursor) -> np.dtype:
 
 
 def _factors(cursor: Cursor, header: Header, components: int, dtype: np.dtype) -> Factors:
-    """The place of one factorization, whose shape must fit the header; its numbers are skipped."""
+    """The place of one factorization, whose shape must fit the header; its numbers are skipped.
+
+    Rows of U tell whether the matrix is transposed, as in the library of the format's authors.
+    """
     offset = cursor.position
-    rows = cursor.integer("<u4", "the number of rows")
-    columns = cursor.integer("<u4", "the number of columns")
-    if (rows, columns) != (header.factor_rows, header.texel_count):
+    shape = (
+        cursor.integer("<u4", "the number of rows"),
+        cursor.integer("<u4", "the number of columns"),
+    )
+    pairs_first, texels_first = header.factor_shapes
+    if shape not in (pairs_first, texels_first):
         raise cursor.error(
-            f"has factors for {rows} rows and {columns} columns",
+            f"has factors for {shape[0]} rows and {shape[1]} columns",
             offset,
-            f"{header.factor_rows} and {header.texel_count}, as the {len(header.view)} views, "
-            f"{len(header.light)} lights and {header.width} x {header.height} texels demand",
+            f"{pairs_first[0]} and {pairs_first[1]}, or {texels_first[0]} and {texels_first[1]}, "
+            f"as the {len(header.view)} views, {len(header.light)} lights and {header.width} x "
+            f"{header.height} texels demand",
         )
     matrices = []
-    for count, what in ((1, "the singular values"), (rows, "U"), (columns, "SV")):
+    for count, what in ((1, "the singular values"), (shape[0], "U"), (shape[1], "SV")):
         matrix = Matrix(cursor.position, count, components, dtype)
         cursor.skip(matrix.nbytes, what)
         matrices.append(matrix)
-    return Factors(*matrices)
+    singular_values, first, second = matrices
+    left, right = (first, second) if shape == pairs_first else (second, first)
+    return Factors(singular_values, left, right)

@@ -6,6 +6,7 @@ import struct
 
 from ...errors import ConfigError
 from .header import BEFORE_CHANNELS, CHANNELS, TEXT_BYTES, WITH_HEIGHT_MAP, Header
+from .order import BOTTOM, TOP, with_mark
 
 HEADER_VERSION = BEFORE_CHANNELS + 1
 
@@ -26,7 +27,7 @@ def header_bytes(header: Header) -> bytes:
             *texts,
             struct.pack("<4f", header.pixels_per_mm, *header.rgb_scale),
             struct.pack("<I", header.cosine is not False),
-            _counted(header.xml),
+            _counted(with_mark(header.xml, header.rows or TOP)),
             struct.pack("<I", CHANNELS),
             *map(_counted, header.channel_names),
         )
@@ -72,6 +73,5 @@ def extension_bytes(header: Header) -> bytes:
     if header.height_map is None:
         return start + struct.pack("<2I", 0, 0)
     height, width = header.height_map.shape
-    return (
-        start + struct.pack("<2I", width, height) + header.height_map[::-1].astype("<u2").tobytes()
-    )
+    codes = header.height_map[::-1] if header.rows == BOTTOM else header.height_map
+    return start + struct.pack("<2I", width, height) + codes.astype("<u2").tobytes()

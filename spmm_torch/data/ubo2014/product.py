@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from .colour import decode
+from .colour import Encoding, decode
 
 # Size (texels, direction pairs) of a tile: its three channels fit in the cache of a core, or fill a
 # GPU. Matrix products of other sizes may round differently, but a value must not depend on its
@@ -27,23 +27,20 @@ class LeftFactors:
 
     Args:
         planes: U of each channel, transposed `[k, D + MIN_PAIRS]`; columns past D are zero.
-        colour_model, log_values: encoding of the channels, see `decode`.
+        encoding: what the channels stand for.
     """
 
     planes: tuple[Tensor, ...]
-    colour_model: int
-    log_values: bool
+    encoding: Encoding
 
     @classmethod
-    def build(cls, planes: Sequence[Tensor], colour_model: int, log_values: bool) -> LeftFactors:
+    def build(cls, planes: Sequence[Tensor], encoding: Encoding) -> LeftFactors:
         """The factors of U `[D, k]` of each channel."""
-        wide = tuple(pad(plane.T, (0, MIN_PAIRS)) for plane in planes)
-        return cls(wide, colour_model, log_values)
+        return cls(tuple(pad(plane.T, (0, MIN_PAIRS)) for plane in planes), encoding)
 
     def to(self, device: torch.device) -> LeftFactors:
         """The same factors on another device."""
-        planes = tuple(plane.to(device) for plane in self.planes)
-        return LeftFactors(planes, self.colour_model, self.log_values)
+        return LeftFactors(tuple(plane.to(device) for plane in self.planes), self.encoding)
 
 
 def multiply(right: Sequence[Tensor], left: LeftFactors, start: int, out: Tensor) -> Tensor:
@@ -81,4 +78,4 @@ def _tile(right: Sequence[Tensor], left: LeftFactors, pairs: slice) -> list[Tens
     """Planes `[n, D']` of R, G and B of some texels and pairs."""
     parts = right if len(right) > 1 else [right[0]] * len(left.planes)
     products = [part @ plane[:, pairs] for part, plane in zip(parts, left.planes, strict=True)]
-    return decode(products, left.colour_model, left.log_values)
+    return decode(products, left.encoding)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from io import FileIO
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from ...errors import DataError
 from ..btf import CHUNK_VALUES
 from ..store import Loading, Part, check_not_black, float_chunks
-from .header import CHANNELS, Layout
+from .header import CHANNELS, Layout, RowsOf
 from .product import LeftFactors, multiply
 from .rows import finite_rows
 
@@ -160,11 +160,8 @@ class FactorStore:
             return values
         with self._open() as stream:
             for part, out in zip(texels.split(READ_TEXELS), values.split(READ_TEXELS), strict=True):
-                rows = self._file_rows(part.numpy())
-                right = [
-                    finite_rows(stream, factors.right, rows).to(values.device)
-                    for factors in self._layout.factors
-                ]
+                rows = self._layout.right_rows(part.numpy())
+                right = [plane.to(values.device) for plane in _read_planes(stream, rows)]
                 if not multiply(right, left, start, out) < torch.inf:  # NaN is not, either
                     raise self._not_finite(part, start, out)
         return values
@@ -185,12 +182,6 @@ class FactorStore:
             f"it came."
         )
 
-    def _file_rows(self, texels: np.ndarray) -> np.ndarray:
-        """Rows `[n]` of SV of texels `[n]`, as the bottom row of pictures is stored first."""
-        header = self._layout.header
-        row, column = np.divmod(texels, header.width)
-        return (header.height - 1 - row) * header.width + column
-
     def _left_factors(self, device: torch.device) -> LeftFactors:
         """U on a device, read at first use."""
         with self._lock:
@@ -200,17 +191,10 @@ class FactorStore:
 
     def _read_left(self) -> LeftFactors:
         """U of the pairs of this store, on the CPU."""
-        header, factors = self._layout.header, self._layout.factors
-        pairs = self._pairs.numpy()
         with self._open() as stream:
-            if len(factors) == 1:  # one matrix of all channels, channel fastest
-                rows = [
-                    (factors[0].left, pairs * CHANNELS + channel) for channel in range(CHANNELS)
-                ]
-            else:
-                rows = [(part.left, pairs) for part in factors]
-            planes = [finite_rows(stream, matrix, wanted) for matrix, wanted in rows]
-        return LeftFactors.build(planes, header.colour_model, header.log_values)
+            planes = _read_planes(stream, self._layout.left_rows(self._pairs.numpy()))
+        encoding = self._layout.header.encoding
+        return LeftFactors.build(planes * (CHANNELS // len(planes)), encoding)
 
     def _open(self) -> FileIO:
         """The file, opened for one thread; unbuffered, as rows are read in whole runs."""
@@ -221,6 +205,11 @@ class FactorStore:
                 f"{self._path} cannot be read any more ({error}); expected it to stay as it is "
                 f"while in use; restore it and start again."
             ) from error
+
+
+def _read_planes(stream: FileIO, rows: Sequence[RowsOf]) -> list[Tensor]:
+    """Factors `[n, k]` of some rows: of each channel, or one of all channels."""
+    return [finite_rows(stream, matrix, wanted) for matrix, wanted in rows]
 
 
 def _selected(count: int, index: Tensor | None) -> Tensor:

@@ -1,4 +1,4 @@
-"""Writers of UBO2014 files, from given factors or from a BTF that is factorized."""
+"""Writer of UBO2014 files from given factors."""
 
 from __future__ import annotations
 
@@ -9,18 +9,13 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-import torch
 from torch import Tensor
 
-from ...errors import ConfigError, DataError
+from ...errors import ConfigError, DataError, alternatives
 from ...runtime.atomic import new_file
-from ..btf import BTF
-from ..options import DEFAULT_COMPONENTS
-from ..store import Progress
-from ..writers.views import refuse_gaps
-from .colour import LOG_YUV, RGB
-from .factorize import factorize
+from .colour import LOG_Y_RATIOS, RGB
 from .header import DFMF, FMF12, SCALARS, VARIANTS, Header
+from .order import BOTTOM, ORDERS
 from .pack import colour_bytes, extension_bytes, header_bytes
 
 Blocks = Iterable[np.ndarray | Tensor] | np.ndarray | Tensor
@@ -42,68 +37,6 @@ class FactorRows:
     right: Blocks
 
 
-def write_ubo2014(
-    path: Path | str,
-    btf: BTF,
-    *,
-    components: int = DEFAULT_COMPONENTS,
-    scalar: int = 4,
-    variant: str = DFMF,
-    colour_model: int = RGB,
-    log_values: bool = False,
-    generator: torch.Generator | None = None,
-    device: torch.device | str = "cpu",
-    progress: Progress | None = None,
-) -> None:
-    """Writes a BTF as a truncated singular value decomposition; a failure leaves nothing.
-
-    Values are read in blocks, a few times, and memory never holds all of them.
-
-    Args:
-        path: file to write.
-        btf: BTF to write.
-        components: number of the largest singular values to keep, for each pair of factors.
-        scalar: bytes of a number in the file: 2, 4 or 8.
-        variant: DFMF08FC (factors for each channel), FMF06FC or FMF12FCE (for all together).
-        colour_model: 0 for RGB, 11 for log Y, U / Y, V / Y (DFMF08FC only).
-        log_values: whether to factor the logarithms of the values (FMF12FCE only).
-        generator: random generator of the decomposition, on the CPU; None: one of a fixed seed.
-        device: device to compute on.
-        progress: called with (texels done, texels of all passes).
-
-    Raises:
-        ConfigError: a setting is out of its range.
-        DataError: a picture cannot be decoded, a number does not fit its type, or pairs are
-            missing.
-        OutputError: the file cannot be written.
-    """
-    refuse_gaps(btf)
-    if components < 1:
-        raise ConfigError(f"components is {components}; expected 1 or more.")
-    header = Header(
-        variant=variant,
-        width=btf.width,
-        height=btf.height,
-        view=_angles(btf.view),
-        light=_angles(btf.light),
-        colour_model=colour_model,
-        log_values=log_values,
-    )
-    _check_settings(header, scalar)
-    factors = factorize(
-        btf,
-        components,
-        joint=variant != DFMF,
-        colour_model=colour_model,
-        log_values=log_values,
-        generator=generator or torch.Generator().manual_seed(0),
-        dtype=torch.float64 if scalar == SCALARS[8].itemsize else torch.float32,
-        device=torch.device(device),
-        progress=progress,
-    )
-    write_factors(path, header, [FactorRows(*part) for part in factors], scalar=scalar)
-
-
 def write_factors(
     path: Path | str, header: Header, factors: Sequence[FactorRows], *, scalar: int = 4
 ) -> None:
@@ -111,7 +44,9 @@ def write_factors(
 
     Args:
         path: file to write.
-        header: header of the file; the newest version is written, whatever its version is.
+        header: header of the file; the newest version is written, whatever its version is, with
+            the top row of pictures first unless `rows` is "bottom". The cosine flag is written as
+            it is; factors are not changed.
         factors: one factorization for each channel in DFMF08FC, else a single one.
         scalar: bytes of a number in the file: 2, 4 or 8.
 
@@ -120,7 +55,7 @@ def write_factors(
         DataError: a factor does not fit the header or its type of number.
         OutputError: the file cannot be written.
     """
-    _check_settings(header, scalar)
+    check_settings(header, scalar)
     if len(factors) != header.factor_count:
         raise DataError(
             f"{len(factors)} pairs of factors were given to write a {header.variant} file; "
@@ -139,26 +74,25 @@ def write_factors(
             _write_factorization(stream, header, part, SCALARS[scalar])
 
 
-def _angles(directions: Tensor) -> np.ndarray:
-    """Angles (polar, azimuth) `[N, 2]` float32 of unit vectors `[N, 3]`, in radians."""
-    x, y, z = directions.double().unbind(-1)
-    azimuth = torch.atan2(y, x).remainder(2.0 * torch.pi)
-    return torch.stack((torch.atan2(torch.hypot(x, y), z), azimuth), dim=-1).float().numpy()
+def check_settings(header: Header, scalar: int) -> None:
+    """Checks that the variant of a header can hold it.
 
-
-def _check_settings(header: Header, scalar: int) -> None:
-    """Refuses a header that its variant cannot hold."""
+    Raises:
+        ConfigError: the variant is not known or lacks a field, or a setting is out of its range.
+    """
     variant = header.variant
     if variant not in VARIANTS:
         raise ConfigError(f"variant is {variant!r}; expected one of {', '.join(VARIANTS)}.")
     if scalar not in SCALARS:
         raise ConfigError(f"scalar is {scalar}; expected 2, 4 or 8 bytes for a number.")
-    models = (RGB, LOG_YUV) if variant == DFMF else (RGB,)
+    models = (RGB, LOG_Y_RATIOS) if variant == DFMF else (RGB,)
     if header.colour_model not in models:
         expected = " or ".join(map(str, models))
         raise ConfigError(
             f"colour_model is {header.colour_model} for a {variant} file; expected {expected}."
         )
+    if header.rows not in (None, *ORDERS):
+        raise ConfigError(f"rows is {header.rows!r}; expected {alternatives(ORDERS)}.")
     for key, given in (
         ("log_values", header.log_values),
         ("height_map", header.height_map is not None),
@@ -184,7 +118,7 @@ def _write_factorization(
         stream.write(block.data)
     base = stream.tell()
     for first, block in _packed_blocks(factors.right, header.texel_count, count, dtype, "SV"):
-        _write_texels(stream, base, first, block, header.width, header.height)
+        _write_texels(stream, base, first, block, header)
     stream.seek(base + header.texel_count * count * dtype.itemsize)
 
 
@@ -223,22 +157,23 @@ def _array(values: np.ndarray | Tensor) -> np.ndarray:
 
 
 def _write_texels(
-    stream: BinaryIO, base: int, first: int, block: np.ndarray, width: int, height: int
+    stream: BinaryIO, base: int, first: int, block: np.ndarray, header: Header
 ) -> None:
-    """Writes rows `[n, k]` of consecutive texels to their places: bottom row of pictures first.
+    """Writes rows `[n, k]` of consecutive texels to their places in the order of the header.
 
     Args:
         stream: file.
         base: offset of the matrix in bytes.
         first: index of the first texel.
         block: rows of the texels.
-        width, height: size of the pictures.
+        header: header of the file.
     """
     row_bytes = block[:1].nbytes
     start = 0
     while start < len(block):
-        row, column = divmod(first + start, width)
-        count = min(width - column, len(block) - start)
-        stream.seek(base + ((height - 1 - row) * width + column) * row_bytes)
+        row, column = divmod(first + start, header.width)
+        count = min(header.width - column, len(block) - start)
+        place = header.height - 1 - row if header.rows == BOTTOM else row
+        stream.seek(base + (place * header.width + column) * row_bytes)
         stream.write(block[start : start + count].data)
         start += count

@@ -18,6 +18,19 @@ class NoSettings:
 
 
 @dataclass(frozen=True)
+class Prepared:
+    """A BTF in the shape of a format that cannot hold all of it.
+
+    Args:
+        loss: what the format loses, in one line.
+        write: function of the path; it leaves the whole file there or nothing.
+    """
+
+    loss: str
+    write: Callable[[Path | str], None]
+
+
+@dataclass(frozen=True)
 class Writer:
     """The writer of one format.
 
@@ -29,6 +42,8 @@ class Writer:
         settings: dataclass of `config.schema.setting` fields, the options of the format.
         write: function of the path, the BTF, its settings and `progress(done, total)` or None. It
             leaves the whole file at the path or nothing, and raises an OutputError in one sentence.
+        prepare: function of the BTF, its settings and `progress`, for a format that cannot hold all
+            of a BTF: it finds out what is lost before anything is written. None: nothing is lost.
     """
 
     name: str
@@ -37,3 +52,4 @@ class Writer:
     unit: str
     settings: type
     write: Callable[[Path | str, BTF, Any, Progress | None], None]
+    prepare: Callable[[BTF, Any, Progress | None], Prepared] | None = None

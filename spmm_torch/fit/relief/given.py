@@ -45,7 +45,7 @@ def stored_heights(btf: BTF) -> Tensor | None:
     path = Path(btf.path)
     if not btf.path or not ubo2014.accepts(path):
         return None
-    header = ubo2014.read_header(path)
+    header = ubo2014.read_header(path, btf.read_as.rows)
     codes = header.height_map
     if codes is None or codes.shape != (header.height, header.width):
         return None

@@ -1,9 +1,10 @@
 """An independent reader and writer of `.btf` files, which shares nothing with the package.
 
-`load` follows the rules of the public readers of UBO2014 [WGK14] in plain Python and float64: BTF
-Extractor (github.com/2-propanol/BTF_extractor) and the `btf.hh` that it wraps
-(github.com/zeroeffects/btf). `sections` makes files field by field, so that tests can plant what
-our writer never would.
+`load` follows the library of the format's authors (github.com/cgbonn/btflib: `read_ubo_dfmf`,
+`read_ubo_fmf`, `decode_dfmf_texture`, `decode_fmf_texture`, `undecorrelate`) in plain Python and
+float64. `pictures_of_btf_hh` are those of BTF_extractor (github.com/2-propanol/BTF_extractor) and
+the `btf.hh` that it wraps (github.com/zeroeffects/btf), which turn pictures upside down. `sections`
+makes files field by field, so that tests can plant what our writer never would.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ MAGICS = {b"!DFMF08FC": "DFMF08FC", b"!FMF06FC": "FMF06FC", b"!FMF12FCE": "FMF12
 TYPES = {2: "<f2", 4: "<f4", 8: "<f8"}
 EPSILON = 1e-5
 YUV = np.array([[1.0, 0.0, 1.13983], [1.0, -0.39465, -0.5806], [1.0, 2.03211, 0.0]])
+YCOCG = np.array([[1.0, 1.0, -1.0], [1.0, 0.0, 1.0], [1.0, -1.0, -1.0]])
 
 
 @dataclass
@@ -34,6 +36,8 @@ class Loaded:
     height: int = 0
     rotations: np.ndarray | None = None
     colour_model: int = 0
+    mean: np.ndarray | None = None
+    transform: np.ndarray | None = None
     reduced: int = 0
     height_map: np.ndarray | None = None
     singular_values: list[np.ndarray] = field(default_factory=list)
@@ -43,21 +47,57 @@ class Loaded:
     def values(self) -> np.ndarray:
         """`[V, L, H, W, 3]` float64, row 0 at the top; nothing clamped, no cosine applied."""
         shape = (len(self.view), len(self.light), self.height, self.width)
+        values = self.colours(np.stack(self.planes(), axis=-1))
+        if self.reduced:
+            values = np.exp(values) - EPSILON
+        return values.reshape(*shape, 3)
+
+    def planes(self) -> list[np.ndarray]:
+        """The channels `[D, T]`, by the transposition that the rows of U tell."""
+        pairs, texels = len(self.view) * len(self.light), self.width * self.height
         left = [part.astype(np.float64) for part in self.left]
         right = [part.astype(np.float64) for part in self.right]
         if self.variant == "DFMF08FC":
-            planes = [u @ sv.T for u, sv in zip(left, right, strict=True)]  # [D, T] each
-        else:
-            planes = [left[0][channel::3] @ right[0].T for channel in range(3)]
-        values = np.stack(planes, axis=-1)
+            by_pairs = len(left[0]) == pairs
+            products = [u @ sv.T for u, sv in zip(left, right, strict=True)]
+            return products if by_pairs else [product.T for product in products]
+        product = left[0] @ right[0].T
+        if len(left[0]) == 3 * pairs:  # channel fastest, then light, view
+            return [product[channel::3] for channel in range(3)]
+        assert len(left[0]) == 3 * texels  # channel fastest, then column, row
+        return [product[channel::3].T for channel in range(3)]
+
+    def colours(self, values: np.ndarray) -> np.ndarray:
+        """RGB of decorrelated channels `[..., 3]`."""
+        first, second, third = np.moveaxis(values, -1, 0)
+        if self.colour_model == 1:
+            return values @ YUV.T
+        if self.colour_model == 3:
+            return values @ self.transform.astype(float) + self.mean.astype(float)
+        if self.colour_model == 4:
+            return values @ YCOCG.T
+        if self.colour_model == 12:
+            return np.exp(values) - EPSILON
+        if self.colour_model not in (9, 10, 11):
+            return values
+        y = np.exp(first) - EPSILON
+        if self.colour_model == 10:
+            second, third = (
+                np.sign(part) * np.exp(np.abs(part) + np.log(EPSILON)) for part in (second, third)
+            )
         if self.colour_model == 11:
-            y = np.exp(values[..., 0]) - EPSILON
-            u = values[..., 1] * y + EPSILON
-            v = values[..., 2] * y + EPSILON
-            values = np.stack((y, u, v), axis=-1) @ YUV.T
-        if self.reduced:
-            values = np.exp(values) - EPSILON
-        return values.reshape(*shape, 3)[:, :, ::-1]
+            second, third = second * (y + EPSILON), third * (y + EPSILON)
+        return np.stack((y, second, third), axis=-1) @ YUV.T
+
+    def reflectance(self) -> np.ndarray:
+        """`values` without the cosine of the light, as the authors' library gives them."""
+        polar = np.array([angles[0] for angles in self.light])[:, None, None, None]
+        return self.values() / np.cos(polar) if self.cosine else self.values()
+
+    def pictures_of_btf_hh(self) -> np.ndarray:
+        """`[V, L, H, W, 3]` as `btf.hh` gives them; it stops at a cosine flag."""
+        assert not self.cosine
+        return self.values()[:, :, ::-1]
 
 
 class Reader:
@@ -140,7 +180,7 @@ def load_sampling(reader: Reader, found: Loaded) -> None:
 def load_channels(reader: Reader, found: Loaded) -> None:
     reader.number("I")
     found.colour_model = int(reader.number("I"))
-    reader.take(12 * 4)
+    found.mean, found.transform = reader.matrix("<f4", 3), reader.matrix("<f4", 3, 3)
     for _ in range(3):
         kind = TYPES[int(reader.number("B"))]
         load_factors(reader, found, kind, int(reader.number("I")))
@@ -154,7 +194,7 @@ def load_shared(reader: Reader, found: Loaded) -> None:
         if version >= 2:
             width, height = int(reader.number("I")), int(reader.number("I"))
             if width * height:
-                found.height_map = reader.matrix("<u2", height, width)[::-1]
+                found.height_map = reader.matrix("<u2", height, width)
     first = int(reader.number("I"))
     kind = TYPES[int(reader.number("B"))]
     load_factors(reader, found, kind, min(first, int(reader.number("I"))))
@@ -163,10 +203,9 @@ def load_shared(reader: Reader, found: Loaded) -> None:
 def load_factors(reader: Reader, found: Loaded, kind: str, components: int) -> None:
     rows, columns = int(reader.number("I")), int(reader.number("I"))
     channels = 1 if found.variant == "DFMF08FC" else 3
-    if rows != len(found.view) * len(found.light) * channels:
-        raise ValueError("rows")
-    if columns != found.width * found.height:
-        raise ValueError("columns")
+    pairs, texels = len(found.view) * len(found.light), found.width * found.height
+    if (rows, columns) not in ((pairs * channels, texels), (texels * channels, pairs)):
+        raise ValueError("shape")
     found.singular_values.append(reader.matrix(kind, components))
     found.left.append(reader.matrix(kind, rows, components))
     found.right.append(reader.matrix(kind, columns, components))
@@ -187,6 +226,8 @@ def sections(
     xml: bytes = b"<btf/>",
     rotations: np.ndarray | None = None,
     colour_model: int = 0,
+    mean: np.ndarray | None = None,
+    transform: np.ndarray | None = None,
     extension: int = 2,
     reduced: int = 0,
     height_map: np.ndarray | None = None,
@@ -196,7 +237,8 @@ def sections(
     Args:
         left, right: U and SV as they are to be stored, one each for each channel in DFMF.
         view, light: (polar, azimuth) `[N, 2]`.
-        height_map: `[h, w]` with row 0 at the top.
+        height_map: `[h, w]` in the order of the file.
+        mean, transform: `[3]` and `[3, 3]` of colour model 3.
     """
     parts = {"magic": f"!{variant}".encode()}
     if rotations is not None:
@@ -215,8 +257,10 @@ def sections(
     if variant == "DFMF08FC":
         parts["components"] = struct.pack("<I", 12345)  # which loaders ignore
         parts["colour model"] = struct.pack("<I", colour_model)
-        parts["mean"] = np.zeros(3, "<f4").tobytes()
-        parts["transform"] = np.eye(3, dtype="<f4").tobytes()
+        parts["mean"] = np.asarray(np.zeros(3) if mean is None else mean, "<f4").tobytes()
+        parts["transform"] = np.asarray(
+            np.eye(3) if transform is None else transform, "<f4"
+        ).tobytes()
     if variant == "FMF12FCE":
         parts["extension"] = struct.pack("<B", extension)
         if extension >= 1:
@@ -226,7 +270,7 @@ def sections(
             parts["map width"] = struct.pack("<I", size[1])
             parts["map height"] = struct.pack("<I", size[0])
             if height_map is not None:
-                parts["map"] = height_map[::-1].astype("<u2").tobytes()
+                parts["map"] = height_map.astype("<u2").tobytes()
     for channel, (u, sv) in enumerate(zip(left, right, strict=True)):
         parts |= factor_sections(variant, channel, u, sv, scalar)
     return parts

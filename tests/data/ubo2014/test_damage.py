@@ -122,9 +122,9 @@ WRONG_FIELDS = [
     ("lights 1", floats(0, 0, 0.5236, 1.55, 1.309, 6.02), "has another light 1 under view 1"),
     ("width", u32(0), "has 0 columns of the pictures"),
     ("width", u32(5), "6 rows and 20 columns at byte"),
-    ("height", u32(2**32 - 1), "and 17179869180, as the 2 views, 3 lights and 4 x 4294967295"),
+    ("height", u32(2**32 - 1), "17179869180 and 6, as the 2 views, 3 lights and 4 x 4294967295"),
     ("rotation count", u32(2**32 - 1), "left for the rotations"),
-    ("colour model", u32(3), "has colour model 3"),
+    ("colour model", u32(2), "has colour model 2"),
     ("scalar 0", b"\3", "holds numbers of 3 bytes"),
     ("scalar 1", b"\2", "numbers of 2 bytes for channel 'G'"),
     ("components 0", u32(0), "has 0 components"),
@@ -152,7 +152,7 @@ WRONG_FIELDS_OF_FMF = [
     ("components 0 0", u32(0), "has 0 components"),
     ("components 0 0", u32(2), "goes on for"),
     ("components 0", u32(2), "goes on for"),
-    ("rows 0", u32(6), "expected 18 and 20"),
+    ("rows 0", u32(6), "expected 18 and 20, or 60 and 6,"),
 ]
 
 

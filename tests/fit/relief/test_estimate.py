@@ -184,7 +184,7 @@ def test_the_map_of_a_btf_file_is_the_start(
 
     def carry(height: Tensor) -> None:
         codes = height.numpy().astype(np.float16).view(np.uint16)
-        monkeypatch.setattr(ubo2014, "read_header", lambda _: replace(header, height_map=codes))
+        monkeypatch.setattr(ubo2014, "read_header", lambda *_: replace(header, height_map=codes))
 
     carry(7.0 * relief.height + 2.0)
     shape = stored_heights(btf)
