@@ -167,8 +167,8 @@ def half_vector(wi: Tensor, wo: Tensor) -> HalfVector:
 def above_horizon(wi: Tensor, wo: Tensor) -> Tensor:
     """1 where both directions `[..., 3]` are above the horizon, else 0, in their own type.
 
-    Arithmetic is four times as fast as a comparison and a product with bools on a CPU. A step has no
-    gradient, so none is passed through it.
+    Arithmetic is four times as fast as a comparison and a product with bools on a CPU. A step has
+    no gradient, so none is passed through it.
     """
     return (wi[..., 2].detach().clamp(0.0, 1.0) * wo[..., 2].detach().clamp(0.0, 1.0)).ceil()
 
