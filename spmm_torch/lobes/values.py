@@ -118,12 +118,10 @@ def rotate(rotation: Tensor, w: Tensor) -> Tensor:
 
     Each component is contiguous.
     """
-    if w.is_cuda:  # three operations, and never rounded to TF32
+    if w.is_cuda:  # all rows at once, rounded as below and never to TF32
         parts = w.movedim(-1, 0).unsqueeze(2)  # [3, 1 or J, 1, ...]
         columns = rotation.movedim(-1, 0).reshape(3, -1, 3, *(1,) * (w.ndim - 2))  # [3, J, 3, ...]
-        local = columns[0] * parts[0]
-        for part, column in zip(parts[1:], columns[1:], strict=True):
-            local = torch.addcmul(local, column, part)
+        local = columns[0] * parts[0] + columns[1] * parts[1] + columns[2] * parts[2]
         return local.movedim(1, -1)
     rows = entries(rotation.view(-1, *(1,) * (w.ndim - 2), 3, 3))
     return torch.stack(_rotated(rows, w)).movedim(0, -1)
