@@ -8,12 +8,13 @@ import zipfile
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
 from markupsafe import escape
 
 from ..report.html import render_template
 from ..runtime.atomic import new_file
 from .palette import PAGE, QUIET, TEXT, Colour
-from .plotter import draw
+from .plotter import ROOM, draw
 from .scene import Scene
 
 # The page would load its icon from the network; an empty icon takes its place.
@@ -34,7 +35,13 @@ def save_html(scene: Scene, path: Path | str) -> None:
     plotter = draw(scene, off_screen=True)
     width, height = scene.size
     if plotter.camera.parallel_projection:  # a window is narrower than maps side by side
-        plotter.camera.parallel_scale *= max(width / height / WINDOW_ASPECT, 1.0)
+        factor = max(width / height / WINDOW_ASPECT, 1.0)
+        plotter.camera.parallel_scale *= factor
+        camera = plotter.camera  # web pages draw in perspective, by the distance
+        camera.position = scene.view.focus + max(factor / ROOM, 1.0) * (
+            np.asarray(camera.position) - scene.view.focus
+        )
+        plotter.renderer.ResetCameraClippingRange()
     plotter.render()
     page = io.StringIO()
     write_html(_packed(plotter.render_window), page)

@@ -171,7 +171,7 @@ def test_a_session_in_the_browser(page: Any, run: Path, tmp_path: Path) -> None:
 
 
 def test_keys_undo_and_redo(page: Any) -> None:
-    """Wherever the focus is; in a line of text, the keys are those of the line."""
+    settled(page, "edited")
     drag(page, "intensity", 24)
     until(lambda: text(page, "script").startswith("- intensity:"))
     press(page, "z")
