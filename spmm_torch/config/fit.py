@@ -61,8 +61,8 @@ class DataConfig:
     rows: str = setting(
         "top",
         "row of the pictures that comes first in a .btf file that does not tell: top, as the "
-        "library of the format's authors reads, or bottom, as btf.hh, BTF_extractor and spmm before "
-        "0.2 do",
+        "library of the format's authors reads, or bottom, as btf.hh, BTF_extractor and spmm "
+        "before 0.2 do",
         choices=("top", "bottom"),
     )
     crop: tuple[int, ...] | None = setting(

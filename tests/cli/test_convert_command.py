@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -130,6 +131,39 @@ def test_components(tmp_path: Path, pictures: Path) -> None:
         assert main(["convert", str(pictures), "-o", str(path), f"--components={components}"]) == 0
         error.append(relative_error(load_btf(path).texels(), load_btf(pictures).texels()))
     assert error[0] > error[1] > 0.01
+
+
+def test_the_loss_of_a_btf_is_told_before_it_is_written(
+    tmp_path: Path, pictures: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
+) -> None:
+    source = load_btf(pictures).texels()
+    for number, option in enumerate(("--components=2", "--snr=12", "--snr=25")):
+        path = tmp_path / f"{number}.btf"
+        assert main(["convert", str(pictures), "-o", str(path), option]) == 0
+        loss, *after = capsys.readouterr().err.partition("the file keeps ")[2].splitlines()
+        assert after[0] == "write: started"
+        ratio = float(loss.partition("SNR ")[2].split()[0])
+        found = -20.0 * math.log10(relative_error(load_btf(path).texels(), source))
+        # What is clipped at zero makes it a little better, rounding ends it at float32.
+        assert min(ratio, 100.0) - 0.05 <= found < ratio + 1.5
+        assert loss.startswith("2 components") or ratio >= float(option.partition("=")[2]) - 0.05
+    before = sorted(tmp_path.iterdir())
+    both = ("--snr=20", "--components=2")
+    for options, message in ((both, "expected one of them"), (("--snr=900",), "snr is 900 dB")):
+        assert message in refused("convert", pictures, "-o", tmp_path / "b.btf", *options)
+        assert sorted(tmp_path.iterdir()) == before
+
+
+def test_rows_of_a_btf(tmp_path: Path, pictures: Path) -> None:
+    source = load_btf(pictures)
+    for rows in ("top", "bottom"):
+        path, written = tmp_path / f"{rows}.btf", tmp_path / f"{rows}.npz"
+        assert main(["convert", str(pictures), "-o", str(path), "--write-rows", rows]) == 0
+        assert relative_error(load_btf(path).texels(), source.texels()) < 1e-5
+        unmarked = path.read_bytes().replace(b"<?spmm rows=", b"<?none rows=")
+        path.write_bytes(unmarked)
+        assert main(["convert", str(path), "-o", str(written), "--rows", rows]) == 0
+        assert relative_error(load_btf(written).texels(), source.texels()) < 1e-5
 
 
 def test_btf_to_everything(tmp_path: Path, pictures: Path) -> None:

@@ -11,8 +11,10 @@ import torch
 
 from spmm_torch import BTF, FitConfig
 from spmm_torch.cli.main import main
+from spmm_torch.config.fit import DataConfig
 from spmm_torch.data import load_input
 from spmm_torch.data.codecs import openexr
+from spmm_torch.data.ubo2014 import write_ubo2014
 from spmm_torch.errors import ConfigError, DataError, OutputError
 from spmm_torch.evaluate import open_source
 from spmm_torch.geometry.directions import direction_from_angles
@@ -109,6 +111,26 @@ def test_render_reads_the_input_as_the_run_did(made: tuple[Path, BTF], tmp_path:
     mean = BTFMaterial.build(btf)(uv, wi, torch.tensor([0.0, 0.0, 1.0])).mean()
     seen = pictures[0][pictures[0].sum(2) > 0.0].mean()
     assert seen == pytest.approx(float(mean), rel=0.35)
+
+
+@pytest.mark.parametrize("stated", [None, "top", "bottom"])
+def test_runs_of_earlier_releases_read_their_btf_as_they_did(
+    tmp_path: Path, stated: str | None
+) -> None:
+    """They state no order of rows, as the bottom row was always taken to come first."""
+    codes = np.random.default_rng(1).integers(1, 256, (3, 3, 4, 5, 3), dtype=np.uint8)
+    values = load_input(write_zip(tmp_path / "a.zip", make_files(codes)), DataConfig())
+    write_ubo2014(tmp_path / "a.btf", values)
+    content = (tmp_path / "a.btf").read_bytes()
+    (tmp_path / "a.btf").write_bytes(content.replace(b"<?spmm rows=", b"<?none rows="))
+    settings = FitConfig.from_dict({"data": {"rows": stated or "bottom"}})
+    btf = load_input(tmp_path / "a.btf", settings.data)
+    run = run_of(btf, settings, tmp_path / "run")
+    if stated is None:
+        text = settings.to_yaml()
+        assert "  rows: bottom\n" in text
+        (run / "config.yaml").write_text(text.replace("  rows: bottom\n", ""))
+    assert same(read_input(run), btf)
 
 
 def test_what_a_run_does_not_say(tmp_path: Path) -> None:
