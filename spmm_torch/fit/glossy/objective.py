@@ -1,8 +1,8 @@
 """What a fit minimizes: squared errors, or also those of compressed values where data are glossy.
 
-Squared errors of glossy data see the peaks alone, and a body is not worth a lobe. Where directions
-resolve the peaks, errors of cube roots count beside them. Where they do not, values at the peaks
-say little, and errors of cube roots count alone.
+Squared errors of glossy data see the peaks alone, and a body may not be worth a lobe: a trial
+tells. Where it may, and directions resolve the peaks, errors of cube roots count beside them. Where
+directions do not, values at the peaks say little, and errors of cube roots count alone.
 
 Peaks that the directions do not resolve are over-represented: directions are measured as mirror
 images of each other, so that as many pairs meet such a peak as if it were as wide as the angle
@@ -26,6 +26,7 @@ from ...model.spmm import SPMM
 from ...report.contract import ObjectiveFigures
 from .measure import ENERGY, PAIRS, is_glossy, some_texels
 from .peaks import NARROW, Unresolved, peak_pairs, unresolved
+from .trial import looks_right
 
 # The model whose peaks have tails as those of measured glossy materials, which the seven lack.
 LONG_TAILED = "ggx"
@@ -66,8 +67,12 @@ class Objective:
         if upright is not None:
             share = upright.width / width
             pair = torch.where(peak_pairs(grid, width), share, 1.0).cpu()
-        if chosen:
-            error = "balanced" if peak is None else "cube-root"
+        if chosen and peak is None:
+            if looks_right(grid, values, config.search):
+                return cls(chosen=True)
+            error = "balanced"
+        elif chosen:
+            error = "cube-root"
         return cls(error, chosen, width, peak, pair)
 
     @property

@@ -228,9 +228,8 @@ class CorrectiveSearch:
         """Signals `rows [s]` minus their mixtures, `[s, C, D]`."""
         parts = []
         for chunk in self._chunks(len(rows)):
-            rho = self.grid.values(mixtures.model[chunk], mixtures.coordinates[chunk])
-            weights = (mixtures.weights * mixtures.present[..., None])[chunk].transpose(1, 2)
-            parts.append(self.signals[rows[chunk]] - weights @ rho)
+            some = mixtures.take(torch.arange(len(rows), device=rows.device)[chunk])
+            parts.append(self.signals[rows[chunk]] - some.values(self.grid))
         return torch.cat(parts)
 
     def _with_lobe(self, mixtures: Mixtures, slot: Tensor, atom: Tensor) -> Mixtures:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from ...lobes.grid import DirectionGrid
+
 
 @dataclass(frozen=True)
 class Mixtures:
@@ -24,6 +26,11 @@ class Mixtures:
     present: Tensor
     weights: Tensor
     loss: Tensor
+
+    def values(self, grid: DirectionGrid) -> Tensor:
+        """Values on all pairs of a grid, `[S, C, D]`."""
+        weights = (self.weights * self.present[..., None]).transpose(1, 2)
+        return weights @ grid.values(self.model, self.coordinates)
 
     def take(self, rows: Tensor) -> Mixtures:
         """The mixtures of samples `rows [s]`."""

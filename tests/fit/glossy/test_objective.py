@@ -23,11 +23,18 @@ def glossy_btf() -> BTF:
 
 
 def test_peaks_that_the_directions_resolve_choose_balanced_errors() -> None:
-    values = samples(lobe(1.2 * WIDTH, 0.9)).transpose(1, 2)
+    speckled = 0.02 * torch.rand(3, 6561, generator=torch.Generator().manual_seed(0))
+    values = (samples(lobe(1.2 * WIDTH, 0.9)) + speckled).transpose(1, 2)
     found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
     assert (found.error, found.chosen, found.peak, found.pair) == ("balanced", True, None, None)
     assert found.models(PAPER_MODELS) == PAPER_MODELS
     assert "values and of cube roots" in (found.describe() or "")
+
+
+def test_squared_errors_that_look_right_stay() -> None:
+    values = samples(lobe(1.2 * WIDTH, 0.9), body=0.02).transpose(1, 2)
+    found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
+    assert (found.error, found.chosen) == ("l2", True)
 
 
 def test_unresolved_peaks_choose_cube_roots() -> None:
