@@ -7,6 +7,8 @@ References:
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from scipy.spatial import KDTree
 from torch import Tensor
@@ -24,7 +26,8 @@ def nearest(points: Tensor, among: Tensor, count: int = 1) -> tuple[Tensor, Tens
         (distance `[N, count]` float64, index into `among` `[N, count]`), on the device of `points`.
     """
     tree = KDTree(_exact(among).numpy())
-    distance, index = tree.query(_exact(points).numpy(), k=list(range(1, count + 1)))
+    ranks: Any = list(range(1, count + 1))  # a list keeps the last axis for one neighbour, too
+    distance, index = tree.query(_exact(points).numpy(), k=ranks)
     return torch.from_numpy(distance).to(points.device), torch.from_numpy(index).to(points.device)
 
 

@@ -8,7 +8,7 @@ then not compute at all is computed here, on the host tensor that each of them h
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import torch
 from torch import Tensor
@@ -34,7 +34,8 @@ class DeviceTensor(Tensor):
     """
 
     held: Tensor
-    __torch_function__ = torch._C._disabled_torch_function_impl
+    if not TYPE_CHECKING:
+        __torch_function__ = torch._C._disabled_torch_function_impl
 
     @staticmethod
     def __new__(cls, held: Tensor) -> DeviceTensor:
@@ -52,13 +53,14 @@ class DeviceTensor(Tensor):
         made.held = held
         return made
 
-    device = property(lambda self: CUDA)
-    is_cuda = property(lambda self: True)
-    is_meta = property(lambda self: False)
-    is_cpu = property(lambda self: False)
-    layout = property(lambda self: self.held.layout)
+    if not TYPE_CHECKING:  # attributes of the base, which stand for values here
+        device = property(lambda self: CUDA)
+        is_cuda = property(lambda self: True)
+        is_meta = property(lambda self: False)
+        is_cpu = property(lambda self: False)
+        layout = property(lambda self: self.held.layout)
 
-    def __repr__(self) -> str:
+    def __repr__(self, *, tensor_contents: str | None = None) -> str:
         return f"{self.held!r} on {CUDA}"
 
     def tolist(self) -> Any:
