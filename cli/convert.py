@@ -1,7 +1,7 @@
 """Write a BTF in another format.
 
---gamma holds for the 8-bit pictures of INPUT and of OUT alike, --rows for INPUT. Where OUT cannot
-hold all of INPUT, one line says what is lost before it is written.
+--gamma holds for the 8-bit pictures of INPUT and of OUT alike, --rows for
+INPUT. Where OUT cannot hold all, a line first says what is lost.
 """
 
 from __future__ import annotations
