@@ -106,7 +106,8 @@ class LobeBatch:
             DataError: lobes or directions in float16 or bfloat16.
         """
         shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
-        if wi.is_cuda and 0 < len(self) * shape.numel() <= CUDA_BLOCK:
+        together = wi.is_cuda and not torch.is_grad_enabled()  # gradients by blocks, as on a CPU
+        if together and 0 < len(self) * shape.numel() <= CUDA_BLOCK:
             return self._eval_together(wi, wo)
         blocks = list(self._blocks(wi, wo))
         if not blocks:

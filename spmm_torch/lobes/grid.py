@@ -90,7 +90,8 @@ class DirectionGrid:
     def values(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """Values `[S, M, D]` of lobes `model [S, M]` at search `coordinates [S, M, P]`."""
         flat, place = model.reshape(-1), coordinates.flatten(0, 1)
-        if place.is_cuda and 0 < len(flat) * self.pair_count <= CUDA_BLOCK:
+        together = place.is_cuda and not torch.is_grad_enabled()
+        if together and 0 < len(flat) * self.pair_count <= CUDA_BLOCK:
             order, spans = in_spans(flat, len(REGISTRY))
             parts = decoded(spans, place.index_select(0, order))
             values = eval_models(spans, *parts, self.light, self.view, self.horizon)

@@ -118,7 +118,7 @@ def rotate(rotation: Tensor, w: Tensor) -> Tensor:
 
     Each component is contiguous.
     """
-    if w.is_cuda:  # all rows at once, rounded as below and never to TF32
+    if w.is_cuda and not torch.is_grad_enabled():  # all rows at once; never rounded to TF32
         parts = w.movedim(-1, 0).unsqueeze(2)  # [3, 1 or J, 1, ...]
         columns = rotation.movedim(-1, 0).reshape(3, -1, 3, *(1,) * (w.ndim - 2))  # [3, J, 3, ...]
         local = columns[0] * parts[0] + columns[1] * parts[1] + columns[2] * parts[2]
