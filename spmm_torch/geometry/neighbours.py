@@ -24,8 +24,9 @@ def nearest(points: Tensor, among: Tensor, count: int = 1) -> tuple[Tensor, Tens
         (distance `[N, count]` float64, index into `among` `[N, count]`), on the device of `points`.
     """
     tree = KDTree(_exact(among).numpy())
-    distance, index = tree.query(_exact(points).numpy(), k=list(range(1, count + 1)))
-    return torch.from_numpy(distance).to(points.device), torch.from_numpy(index).to(points.device)
+    found = tree.query(_exact(points).numpy(), k=count)
+    distance, index = (torch.as_tensor(part).view(-1, count) for part in found)
+    return distance.to(points.device), index.to(points.device)
 
 
 def _exact(points: Tensor) -> Tensor:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any, cast
 
 from ...edit import Edit, Mask, Step
 from ...edit.edits.hue_saturation import HueSaturation
@@ -106,7 +107,7 @@ def values_of(edits: Sequence[Edit]) -> dict[str, float] | None:
     for edit in edits:
         for names, neutral in zip(SLIDERS_OF_EDITS, _all_edits(NEUTRAL), strict=True):
             if type(edit) is type(neutral) and _group(edit) == _group(neutral):
-                options = (getattr(edit, each.name) for each in fields(edit))
+                options = (getattr(edit, each.name) for each in fields(cast(Any, edit)))
                 values |= dict(zip(names, options, strict=False))
     allowed = all(BY_NAME[name].low <= x <= BY_NAME[name].high for name, x in values.items())
     return values if allowed and edits_of(values) == list(edits) else None
