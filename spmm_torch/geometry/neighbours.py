@@ -7,8 +7,6 @@ References:
 
 from __future__ import annotations
 
-from typing import Any
-
 import torch
 from scipy.spatial import KDTree
 from torch import Tensor
@@ -26,9 +24,9 @@ def nearest(points: Tensor, among: Tensor, count: int = 1) -> tuple[Tensor, Tens
         (distance `[N, count]` float64, index into `among` `[N, count]`), on the device of `points`.
     """
     tree = KDTree(_exact(among).numpy())
-    ranks: Any = list(range(1, count + 1))  # a list keeps the last axis for one neighbour, too
-    distance, index = tree.query(_exact(points).numpy(), k=ranks)
-    return torch.from_numpy(distance).to(points.device), torch.from_numpy(index).to(points.device)
+    found = tree.query(_exact(points).numpy(), k=count)
+    distance, index = (torch.as_tensor(part).view(-1, count) for part in found)
+    return distance.to(points.device), index.to(points.device)
 
 
 def _exact(points: Tensor) -> Tensor:
