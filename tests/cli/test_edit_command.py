@@ -16,7 +16,7 @@ from spmm_torch.cli.main import main
 from spmm_torch.edit import Script, intensity
 from spmm_torch.edit.examples import packaged
 from spmm_torch.report import REPORT_KEYS, check_report
-from spmm_torch.runs.edited import EDITS, MASKS
+from spmm_torch.runs.edited import EDITS, MASKS, ORIGINAL
 from spmm_torch.runs.folder import CONFIG, REPORT_PAGE
 from spmm_torch.runtime.tensor_file import MODEL_FILE
 from tests.planted.models import FEW_RINGS, planted_model
@@ -47,6 +47,7 @@ def test_an_edited_run_is_a_run(run: Path, tmp_path: Path) -> None:
         MODEL_FILE,
         CONFIG,
         EDITS,
+        ORIGINAL,
         "report.json",
         REPORT_PAGE,
     }
@@ -94,7 +95,12 @@ def test_a_model_file_alone(run: Path, tmp_path: Path) -> None:
     bare.parent.mkdir()
     bare.write_bytes((run / MODEL_FILE).read_bytes())
     assert edit(bare, "fig4_middle", "-o", tmp_path / "out") == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {MODEL_FILE, EDITS, REPORT_PAGE}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        MODEL_FILE,
+        EDITS,
+        ORIGINAL,
+        REPORT_PAGE,
+    }
 
 
 @pytest.mark.parametrize("name", packaged())

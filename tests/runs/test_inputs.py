@@ -57,7 +57,7 @@ def made(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, BTF]:
 
 def run_of(btf: BTF, settings: FitConfig, folder: Path) -> Path:
     """A run folder whose model has the texels and directions of a BTF, and other values."""
-    tensors, metadata = planted_model(4).to_tensors()
+    tensors, metadata = planted_model(5).to_tensors()
     count = btf.texel_count
     tensors |= {name: tensors[name][:count] for name in ("weights.count", "weights.label")}
     entries = int(tensors["weights.count"].sum())
@@ -137,7 +137,7 @@ def test_what_a_run_does_not_say(tmp_path: Path) -> None:
     """A model alone has no input; a run without its settings must not be guessed at."""
     run = model_folder(tmp_path / "run", planted_model())
     assert not has_input(run)
-    with pytest.raises(OutputError, match=r"report\.json cannot be read"):
+    with pytest.raises(OutputError, match="names no input; expected a fit"):
         read_input(run)
     (run / "report.json").write_text('{"input": "a.zip"}')
     with pytest.raises(ConfigError, match=r"config\.yaml cannot be read"):
