@@ -7,7 +7,7 @@ import re
 import shutil
 import time
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,7 @@ from torch import Tensor
 
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES
+from spmm_torch.edit import intensity, lobe_group, relief_depth, residual_strength, scale_width
 from spmm_torch.edit.parts import with_parts
 from spmm_torch.errors import OutputError
 from spmm_torch.export import TARGETS, NoSettings, glsl
@@ -211,3 +212,41 @@ def test_the_shader_evaluates_as_python_does(browser: Any, name: str, tmp_path: 
     assert errors.median() < 2e-6
     assert errors.quantile(0.999) < max(2e-4, 3.0 * float(rounding.quantile(0.999)))
     assert not [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
+
+
+EDITS: dict[str, tuple[dict[str, float], Callable[[SPMM], SPMM]]] = {
+    "specular": (
+        {"specular": 0.5, "specular_width": 1.0},
+        lambda model: scale_width(
+            intensity(model, 0.5, lobe_group(model, "specular")),
+            2.0,
+            lobe_group(model, "specular"),
+        ),
+    ),
+    "diffuse": (
+        {"diffuse": 2.0},
+        lambda model: intensity(model, 2.0, lobe_group(model, "non_specular")),
+    ),
+    "residual": ({"residual": 0.25}, lambda model: residual_strength(model, 0.25)),
+    "relief": ({"depth": 2.0}, lambda model: relief_depth(model, 2.0)),
+}
+SET = """
+const input = document.querySelector(`input[name="${arguments[0]}"]`);
+input.value = arguments[1];
+input.dispatchEvent(new Event("input"));
+"""
+
+
+@pytest.mark.slow
+def test_sliders_do_what_edits_do(browser: Any, tmp_path: Path) -> None:
+    queries = tuple(part[:500] for part in random_queries(500))
+    opened(browser, "mixed", tmp_path)
+    for sliders, edit in EDITS.values():
+        for slider in sliders.items():
+            browser.execute_script(SET, *slider)
+        errors = relative_errors(in_browser(browser, queries), edit(mixed_model()), queries)
+        assert errors.median() < 2e-6
+        assert errors.quantile(0.99) < 1e-3
+        browser.execute_script("document.getElementById('start_again').click()")
+    errors = relative_errors(in_browser(browser, queries), mixed_model(), queries)
+    assert errors.median() < 2e-6

@@ -45,7 +45,8 @@ function setControl(name, value) {
 function followControls(changed) {
   const update = () => { showValues(); changed(); };
   inputs().forEach((input) => input.addEventListener("input", update));
-  document.getElementById("reset").addEventListener("click", () => {
+  // A button of the name "reset" would hide the method of the form.
+  document.getElementById("start_again").addEventListener("click", () => {
     document.getElementById("controls").reset();
     changed(true);
     showValues();
