@@ -19,7 +19,7 @@ values that are not finite are null, and parts that were not asked for are missi
         cost (bytes_per_texel, bytes), quality (snr_db, flip), first, end (bytes from which and up
         to which a peer is ahead; null: no end), lead (the largest; null: we have nothing so
         small)].
-    weightings: rows [FIT + error (auto, l2, cube-root, log), mssim {y, cr, cb, mean}, flip (null
+    weightings: rows [FIT + error (auto, cube-root, log), mssim {y, cr, cb, mean}, flip (null
         without the extra `eval`)].
     scaling: rows [varies (texels, directions), texels, direction_pairs, device, threads, seconds
         {stage}, snr_db, total_basis], exponents [varies, device, threads, power {stage}].

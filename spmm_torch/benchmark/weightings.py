@@ -13,7 +13,7 @@ from .scope import Bench, Scope
 from .variants import DEFAULT
 
 # `weights.error` of the default comes first.
-KINDS = ("auto", "l2", "cube-root", "log")
+KINDS = ("auto", "cube-root", "log")
 
 
 def count(scope: Scope) -> int:
