@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import pytest
+if TYPE_CHECKING:
+    import pytest
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -19,6 +21,8 @@ DATA = Path(os.environ.get("SPMM_TEST_DATA") or ROOT.parent / "shared" / "data")
 
 def needs_data(*names: str) -> pytest.MarkDecorator:
     """A mark that skips a test where files of the test data are missing."""
+    import pytest  # noqa: PLC0415 - scripts run where it is missing
+
     missing = ", ".join(name for name in names if not (DATA / name).is_file())
     reason = f"no {missing} in {DATA}; SPMM_TEST_DATA can name another folder"
     return pytest.mark.skipif(bool(missing), reason=reason)

@@ -17,6 +17,8 @@ import spmm_torch
 ROOTS = ("spmm_torch", "spmm_torch.cli", "spmm_torch.viz")
 # pdoc does not find the types of a NamedTuple's fields, and shows their names instead.
 HARMLESS = r"Error parsing type annotation ForwardRef\("
+# Nor where a subclass of a tensor has some members from.
+OF_TENSORS = r"Cannot determine where .*\.DeviceTensor\._is_param is taken from"
 
 
 def module_names() -> Iterator[str]:
@@ -53,6 +55,7 @@ def build(output: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", HARMLESS)
+        warnings.filterwarnings("ignore", OF_TENSORS)
         pdoc.render.configure(
             docformat="google",
             footer_text=f"spmm_torch {spmm_torch.__version__}",
