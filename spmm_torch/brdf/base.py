@@ -121,7 +121,7 @@ class BRDF(ABC):
         """f_r without the cosine, in 1/sr: kappa `[..., P]`, wi and wo `[..., 3]` -> `[...]`.
 
         Leading dimensions broadcast. The value is 0 where wi or wo is under the horizon; values
-        and gradients are finite everywhere. All three may be `Components`: they are read by their
+        and gradients are finite everywhere. All three may be `Vectors`: they are read by their
         components, `wi[..., 2]`, and their shape, and in no other way.
         """
 
@@ -138,7 +138,7 @@ class BRDF(ABC):
 
 
 @dataclass(frozen=True)
-class Components:
+class Vectors:
     """Vectors by their components, `[...]` each, read as those of a tensor: `w[..., 2]` is z.
 
     Components that were just computed need not be copied into one tensor to be read from it, and

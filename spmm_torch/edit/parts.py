@@ -50,3 +50,9 @@ def with_parts(
         weight_type=kind,
         relief=relief or model.relief,
     )
+
+
+def flattened(model: SPMM) -> SPMM:
+    """The model without its relief: views see the texture in its plane, which goes on as before."""
+    flat = Relief(None, 0.0, 0.0, model.rule)
+    return with_parts(model, relief=flat.to(model.weight.device))

@@ -10,12 +10,12 @@ import torch
 from torch import Tensor
 
 from .. import __version__
+from ..edit.parts import flattened
 from ..evaluate.spheres import TEXELS_IN_HALF_TURN
 from ..model.spmm import SPMM
 from ..render import Texture
 from ..runtime.progress import Progress
 from .glb import LINEAR, MIPMAPPED, TRIANGLES, VERTICES, WRAPS, Buffer
-from .loss import flat
 from .surface.fit import Fitted, fit_surface, gain_note, look_of
 from .surface.gltf import GLTFSurface
 from .surface.textured import Textured
@@ -29,7 +29,7 @@ AROUND, ALONG = 128, 64
 def write(place: Path, model: SPMM, settings: NoSettings, progress: Progress) -> Exported:
     """Writes one .glb file; see `Target.write`."""
     surface, size = GLTFSurface(), (model.height, model.width)
-    look = look_of(flat(model))
+    look = look_of(flattened(model))
     fitted = fit_surface(surface, look, progress)
     buffer = Buffer()
     material, textures = material_of(fitted, size, buffer)

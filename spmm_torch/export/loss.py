@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from ..edit.edits.residual_strength import residual_strength
+from ..edit.parts import flattened
 from ..evaluate.flip import flip
 from ..evaluate.renderings import compare_materials
 from ..evaluate.spheres import LIGHTS, SETTINGS, TEXELS_IN_HALF_TURN, sphere_scene
@@ -115,24 +116,7 @@ def without_parts(model: SPMM, holds: tuple[str, ...]) -> SPMM:
     """The model without the parts that a target does not hold; itself if it has none of them."""
     if RESIDUAL not in holds and has_residual(model):
         model = residual_strength(model, 0.0)
-    return model if RELIEF in holds or model.relief is None else flat(model)
-
-
-def flat(model: SPMM) -> SPMM:
-    """The model without its relief: views see the texture in its plane, which repeats."""
-    return SPMM(
-        model.height,
-        model.width,
-        model.dictionary.detach(),
-        model.sparse_weights,
-        model.labels,
-        model.residual,
-        model.light,
-        model.view,
-        model.name,
-        components=model.components,
-        weight_type=model.weight_type,
-    )
+    return model if RELIEF in holds or model.relief is None else flattened(model)
 
 
 def has_residual(model: SPMM) -> bool:

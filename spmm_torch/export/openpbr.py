@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from ..data.codecs import openexr
+from ..edit.parts import flattened
 from ..model.spmm import SPMM
 from ..runtime.progress import Progress
-from .loss import flat
 from .mtlx import CURVED_SPACE, WRAPS, Document, Input
 from .surface.fit import Fitted, fit_surface, gain_note, look_of
 from .surface.openpbr import COAT_IOR, OpenPBRSurface
@@ -36,7 +36,7 @@ FACTORED = "specular_weight"
 def write(place: Path, model: SPMM, settings: NoSettings, progress: Progress) -> Exported:
     """Writes the folder; see `Target.write`."""
     surface, size = OpenPBRSurface(), (model.height, model.width)
-    look = look_of(flat(model))
+    look = look_of(flattened(model))
     fitted = fit_surface(surface, look, progress)
     document = Document(WRAPS[model.rule])
     read = write_textures(place, fitted, size, document)

@@ -9,13 +9,14 @@ rotation omega of the frame moves a local direction w by omega x w.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import cast
 
 import torch
 from torch import Tensor
 
 from ..brdf import MAX_PARAMETERS, REGISTRY
-from ..brdf.base import Components, above_horizon
+from ..brdf.base import Vectors, above_horizon
 from ..geometry.directions import frame_from_normal, normal_from_disk
 from ..runtime.memory import slices
 from .batch import COORDINATES
@@ -88,7 +89,7 @@ def _block(
     with torch.enable_grad():
         rho = _joined(values) * above_horizon(wi, wo)  # Eq. (3)
         found = torch.autograd.grad(
-            rho.sum(), [*_flat(leaves)], allow_unused=True, materialize_grads=True
+            rho.sum(), [*chain.from_iterable(leaves)], allow_unused=True, materialize_grads=True
         )
     ends = iter(found)
     gradients = [[next(ends) for _ in own] for own in leaves]
@@ -104,11 +105,6 @@ def _block(
     return rho.detach(), jacobian
 
 
-def _flat(parts: list[list[Tensor]]) -> Iterator[Tensor]:
-    for part in parts:
-        yield from part
-
-
 def _joined(parts: list[Tensor]) -> Tensor:
     """Tensors `[n, ...]` one after another; a single one is not copied."""
     return parts[0] if len(parts) == 1 else torch.cat(parts)
@@ -118,7 +114,7 @@ def _eval(model: int, kappa: list[Tensor], local: list[Tensor], horizon: float) 
     """f_r (n_j . wi) `[J, ...]` of kappa and local wi and wo, by components `[J, ...]`."""
     padding = [torch.zeros_like(local[0])] * (MAX_PARAMETERS - len(kappa))
     parts = (kappa + padding, local[:3], local[3:])
-    parameters, wi, wo = (cast("Tensor", Components(tuple(part))) for part in parts)
+    parameters, wi, wo = (cast("Tensor", Vectors(tuple(part))) for part in parts)
     rho = REGISTRY[model].eval(parameters, wi, wo) * wi[..., 2].clamp(min=0.0)
     return rho * view_step(wo[..., 2], horizon) if horizon > 0.0 else rho
 

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..brdf import REGISTRY
-from ..brdf.base import Components, above_horizon
+from ..brdf.base import Vectors, above_horizon
 from ..errors import DataError
 from ..geometry.directions import frame_from_normal
 from .cut import lit_cosine, view_step
@@ -73,7 +73,7 @@ def eval_rotated(
         wi, wo: directions `[..., 3]`.
     """
     local_wi, local_wo = _rotated(rotation, wi), _rotated(rotation, wo)
-    directions = (cast("Tensor", Components(tuple(local))) for local in (local_wi, local_wo))
+    directions = (cast("Tensor", Vectors(tuple(local))) for local in (local_wi, local_wo))
     value = REGISTRY[model].eval(kappa, *directions)
     cosine = lit_cosine(local_wi[2].clamp(min=0.0), rotation[2][2], wi[..., 2], lowest)
     if horizon > 0.0:

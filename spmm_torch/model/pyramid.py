@@ -42,7 +42,8 @@ class Pyramid(nn.Module):
         Raises:
             OutputError: the folder holds no level 0, or a level is no valid model.
         """
-        paths = sorted(Path(folder).glob("level*.safetensors"), key=lambda path: path.name)
+        found = Path(folder).glob("level*.safetensors")
+        paths = sorted(found, key=lambda path: (len(path.name), path.name))  # level2, then level10
         if not paths:
             raise OutputError(
                 f"{folder} holds no level0.safetensors; expected a folder of Pyramid.save; check "

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from ..data import BTF
 from ..data.options import DISPLAY_GAMMA
-from ..edit.parts import with_parts
+from ..edit.parts import flattened
 from ..model.relief import Relief
 from ..model.spmm import SPMM
 from ..render.display import display_codes, white_exposure
@@ -48,7 +48,7 @@ def relief_gallery(model: SPMM, btf: BTF) -> Gallery | None:
         return None
     pair = choose_pairs(btf.light, btf.view, btf.missing, OBLIQUE)[0]
     wi, wo = btf.light[pair.light], btf.view[pair.view]
-    flat = with_parts(model, relief=Relief(None, 0.0, 0.0, model.rule).to(model.weight.device))
+    flat = flattened(model)
     original = btf.picture(pair.view, pair.light).cpu().float()
     shown = {"Original": original}
     for name, each in (("With relief", model), ("Without relief", flat)):

@@ -11,8 +11,9 @@ from __future__ import annotations
 import argparse
 
 from spmm_torch import SPMM
+from spmm_torch.edit.parts import flattened
 from spmm_torch.evaluate import open_source
-from spmm_torch.export.loss import flat, random_snr, sphere_flip
+from spmm_torch.export.loss import random_snr, sphere_flip
 from spmm_torch.export.surface.fit import (
     Look,
     first_colours,
@@ -54,7 +55,7 @@ def main() -> None:
 
 def materials(model: SPMM) -> dict[str, Material]:
     """What is compared, by name."""
-    look, size = look_of(flat(model)), (model.height, model.width)
+    look, size = look_of(flattened(model)), (model.height, model.width)
     found: dict[str, Material] = {
         "model": model,
         "its lobes alone": lambda uv, wi, wo: model(uv, wi, wo, residual=False),

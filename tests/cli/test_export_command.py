@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from spmm_torch.config.schema import setting
 from spmm_torch.export import TARGETS, loss
 from spmm_torch.render import RenderSettings
 from tests.planted.models import planted_model
-from tests.planted.runs import model_folder
+from tests.planted.runs import model_folder, newer_run
 
 
 @pytest.fixture(autouse=True)
@@ -42,19 +41,6 @@ def test_a_run_is_exported(run: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert out.stat().st_size > 0
 
 
-def newer(folder: Path) -> Path:
-    """A run of a version that is not known."""
-    run = model_folder(folder, planted_model(size=2, lobes_per_texel=1))
-    file = run / "model.safetensors"
-    content = file.read_bytes()
-    size = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + size])
-    header["__metadata__"]["version"] = "99"
-    text = json.dumps(header).encode()
-    file.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + size :])
-    return run
-
-
 def damaged(folder: Path) -> Path:
     """A run whose model ends too soon."""
     run = model_folder(folder, planted_model(size=2, lobes_per_texel=1))
@@ -69,7 +55,7 @@ def missing(folder: Path) -> Path:
 
 
 BAD = [
-    (newer, [], "has version 99; this program reads versions 1 and 2"),
+    (newer_run, [], "has version 99; this program reads versions 1 and 2"),
     (damaged, [], "is damaged or no model"),
     (missing, [], "does not exist; expected a run folder"),
     (None, ["-o", "RUN"], "exists; expected a new name"),

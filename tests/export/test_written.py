@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from spmm_torch import SPMM
+from spmm_torch.edit.parts import flattened
 from spmm_torch.errors import OutputError
 from spmm_torch.export import Exported, Target, target
-from spmm_torch.export.loss import flat, loss_of, random_snr, without_parts
+from spmm_torch.export.loss import loss_of, random_snr, without_parts
 from spmm_torch.export.target import LOBES, PARTS, RELIEF, RESIDUAL, NoSettings
 from spmm_torch.export.written import export, left_out
 from spmm_torch.runtime.progress import Progress
@@ -35,7 +36,7 @@ def test_a_model_without_parts_is_what_a_target_can_hold() -> None:
     whole = with_relief(with_components(lobes))
     assert random_snr(lobes, without_parts(whole, (LOBES,))) > 120.0
     assert random_snr(with_relief(lobes), without_parts(whole, (LOBES, RELIEF))) > 120.0
-    assert random_snr(whole, flat(whole)) < 60.0
+    assert random_snr(whole, flattened(whole)) < 60.0
     assert without_parts(lobes, ()) is lobes
 
 

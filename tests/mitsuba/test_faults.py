@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from spmm_torch.mitsuba import register
 from spmm_torch.mitsuba.gradients import enable_gradients
 from tests.mitsuba.queries import interaction, random_queries, vectors
 from tests.planted.models import planted_model, with_relief
-from tests.planted.runs import model_folder
+from tests.planted.runs import model_folder, newer_run
 
 
 @pytest.mark.parametrize("plugin", ["spmm", "btf"])
@@ -27,14 +26,7 @@ def test_a_missing_file_is_named(plugin: str, scalar: Any, tmp_path: Path) -> No
 
 
 def test_a_newer_format_is_refused(scalar: Any, tmp_path: Path) -> None:
-    run = model_folder(tmp_path / "run", planted_model(size=2, lobes_per_texel=1))
-    file = run / "model.safetensors"
-    content = file.read_bytes()
-    size = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + size])
-    header["__metadata__"]["version"] = "99"
-    text = json.dumps(header).encode()
-    file.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + size :])
+    run = newer_run(tmp_path / "run")
     with pytest.raises(RuntimeError, match=r"has version 99; this program reads versions 1 and 2"):
         scalar.load_dict({"type": "spmm", "filename": str(run)})
 

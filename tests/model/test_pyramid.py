@@ -71,3 +71,11 @@ def test_round_trip(levels: list[SPMM], tmp_path: Path) -> None:
 def test_no_level_is_refused() -> None:
     with pytest.raises(ValueError, match="without levels"):
         Pyramid([])
+
+
+def test_more_than_ten_levels_keep_their_order(tmp_path: Path) -> None:
+    models = [planted_model(1, seed=seed) for seed in range(12)]
+    Pyramid(models).save(tmp_path)
+    for level, model in zip(Pyramid.load(tmp_path).levels, models, strict=True):
+        assert isinstance(level, SPMM)
+        assert torch.equal(level.weight, model.weight)

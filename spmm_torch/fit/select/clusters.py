@@ -164,7 +164,7 @@ def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit
     fit = problem.solve(start).after(solvers)
     with context.watch("residual"):
         errors = _errors(stage, own, where, problem.products, fit)
-    index, weights = _joined([pair for part in context.ranks.gather(fit.on_cpu()) for pair in part])
+    index, weights = joined([pair for part in context.ranks.gather(fit.on_cpu()) for pair in part])
     lobe = torch.where(index >= 0, where.cpu()[index.clamp(min=0)], -1)  # [n, M]
     weights = weights / dictionary.norm.cpu()[lobe.clamp(min=0)][..., None]
     counts = StatusCounts(context.ranks.sum(fit.solvers.table.cpu()))
@@ -273,7 +273,7 @@ def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weight
     )
 
 
-def _joined(parts: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
+def joined(parts: list[tuple[Tensor, Tensor]]) -> tuple[Tensor, Tensor]:
     """Index `[n, M]` and weights `[n, M, C]` of all parts, padded to the widest."""
     slots = max(index.shape[1] for index, _ in parts)
     pad = torch.nn.functional.pad

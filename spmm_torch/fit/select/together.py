@@ -23,7 +23,7 @@ from ..dictionary import Dictionary
 from ..problem import Problem
 from ..residual.exact import exact_where_doubtful
 from .alternate import CUDA_TEXELS
-from .clusters import PILOTS, PRECISIONS, ClusterFit, fit_texels, pilot_of
+from .clusters import PILOTS, PRECISIONS, ClusterFit, fit_texels, joined, pilot_of
 from .products import Products, correlations, squared_norms
 from .target import Target
 from .texels import Fit, select, squared_errors
@@ -158,7 +158,8 @@ def _choose(
         errors.append(squared_errors(products, fits[-1]))
         energies.append(products.energy.sum(1))
         values += (member[part].T @ signals.flatten(1)).view(values.shape)
-    fit = _one_after_another(fits)
+    index, weights = joined([(each.index, each.weights) for each in fits])
+    fit = Fit(index, weights, StatusCounts.sum(each.solvers for each in fits))
     sums = torch.stack((torch.cat(errors), torch.cat(energies)), dim=1)  # [n, 2]
     error, energy = (member.double().T @ sums).unbind(1)
     return _Choice(fit, error, energy, values, _weights_of(fit, owner, clusters, len(atoms)))
@@ -173,16 +174,6 @@ def _of_block(gram: Tensor, correlation: Tensor, energy: Tensor) -> Products:
     """The products of some texels, of whose clusters nothing is known yet."""
     none = gram.new_zeros(0)
     return Products(gram, correlation, energy, none, none, none, len(energy), len(energy))
-
-
-def _one_after_another(fits: list[Fit]) -> Fit:
-    """One fit of the texels of all."""
-    slots = max(fit.index.shape[1] for fit in fits)
-    pad = torch.nn.functional.pad
-    index = [pad(fit.index, (0, slots - fit.index.shape[1]), value=-1) for fit in fits]
-    weights = [pad(fit.weights, (0, 0, 0, slots - fit.index.shape[1])) for fit in fits]
-    solvers = StatusCounts.sum(fit.solvers for fit in fits)
-    return Fit(torch.cat(index), torch.cat(weights), solvers)
 
 
 def _weights_of(fit: Fit, owner: Tensor, clusters: int, atoms: int) -> Tensor:
