@@ -53,6 +53,10 @@ def with_parts(
 
 
 def flattened(model: SPMM) -> SPMM:
-    """The model without its relief: views see the texture in its plane, which goes on as before."""
-    flat = Relief(None, 0.0, 0.0, model.rule)
+    """The model without its relief: views see the texture in its plane, which goes on as before.
+
+    Its measured pictures lie where they lay: their drift stays.
+    """
+    drift = None if model.relief is None else model.relief.drift
+    flat = Relief(None, 0.0, 0.0, model.rule, drift)
     return with_parts(model, relief=flat.to(model.weight.device))

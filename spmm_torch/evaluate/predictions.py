@@ -16,11 +16,9 @@ from torch import Tensor
 
 from ..data import BTF
 from ..geometry.directions import direction_pairs
-from ..geometry.neighbours import nearest
 from ..model.relief import Relief
 from ..model.spmm import SPMM
 from ..runtime.memory import slices
-from .source import SAME_DIRECTION
 
 # (cluster, pair) queries of the residual that are evaluated at once: about 100 MB.
 BLOCK_QUERIES = 1 << 18
@@ -135,7 +133,7 @@ def _by_view(
     """Blocks of pairs of one view at all texels."""
     model, count, lights = table.model, btf.texel_count, len(btf.light)
     field = relief.field(model.height, model.width, model.view)
-    drift = _drifts(model, relief, btf.view)  # [V, 2]
+    drift = relief.drift_of(btf.view.to(model.view), model.view)  # [V, 2]
     texels = slice(0, count)
     for number, view in enumerate(btf.view.to(model.view)):
         pictures = btf.views(number, number + 1)[:, 0]  # [T, L, C]
@@ -147,14 +145,3 @@ def _by_view(
             value = pictures[:, some].to(lobes.device)
             yield Predicted(texels, pairs, value, lobes, whole)
         progress(count * (number + 1) // len(btf.view) - count * number // len(btf.view))
-
-
-def _drifts(model: SPMM, relief: Relief, view: Tensor) -> Tensor:
-    """The drift of the pictures of views `[V', 3]`, 0 for those that the fit did not see."""
-    drift = torch.zeros(len(view), 2, device=model.view.device)
-    if relief.drift is None:
-        return drift
-    distance, own = (found[:, 0] for found in nearest(view.to(drift.device), model.view))
-    known = distance < SAME_DIRECTION
-    drift[known] = relief.drift[own[known]].to(drift)
-    return drift

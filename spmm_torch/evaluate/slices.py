@@ -46,7 +46,7 @@ def model_pictures(model: SPMM, btf: BTF, residual: bool = True) -> PictureOf:
 
     def picture(view: int, light: int) -> Tensor:
         wi, wo = btf.light[light].to(model.light), btf.view[view].to(model.view)
-        return model.picture(wi, wo, residual=residual).float().cpu()
+        return model.picture(wi, wo, residual, registered=True).float().cpu()
 
     return picture
 

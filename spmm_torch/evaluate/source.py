@@ -11,13 +11,9 @@ from torch import Tensor
 
 from ..data import BTF
 from ..errors import DataError
-from ..geometry.neighbours import nearest
+from ..geometry.neighbours import measured_alike
 from ..model.spmm import SPMM
 from ..runs.inputs import read_input, read_report
-
-# Measured directions closer than this are the same, in radians: a hundredth of the resolution of
-# the formats.
-SAME_DIRECTION = 2e-5
 
 
 @dataclass(frozen=True)
@@ -105,5 +101,4 @@ def _check_size(btf: BTF, model: SPMM, path: str, run: Path) -> None:
 
 def _seen(directions: Tensor, fitted: Tensor) -> Tensor:
     """Which of `directions [N, 3]` are among those of the fit, `[N]` bool."""
-    distance, _ = nearest(directions.cpu(), fitted)
-    return distance[:, 0] < SAME_DIRECTION
+    return measured_alike(directions.cpu(), fitted)[0]

@@ -11,6 +11,10 @@ import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
+# Unit vectors closer than this are one measured direction, in radians: a hundredth of the
+# resolution of the formats.
+MEASURED_ALIKE = 2e-5
+
 
 def nearest(points: Tensor, among: Tensor, count: int = 1) -> tuple[Tensor, Tensor]:
     """The `count` points of `among` that are nearest to each point, the nearest first.
@@ -27,6 +31,16 @@ def nearest(points: Tensor, among: Tensor, count: int = 1) -> tuple[Tensor, Tens
     found = tree.query(_exact(points).numpy(), k=count)
     distance, index = (torch.as_tensor(part).view(-1, count) for part in found)
     return distance.to(points.device), index.to(points.device)
+
+
+def measured_alike(points: Tensor, among: Tensor) -> tuple[Tensor, Tensor]:
+    """Which of the unit vectors `points [N, 3]` are among the measured ones `among [M, 3]`.
+
+    Returns:
+        (whether it is `[N]` bool, index of the nearest of `among` `[N]`).
+    """
+    distance, index = nearest(points, among)
+    return distance[:, 0] < MEASURED_ALIKE, index[:, 0]
 
 
 def _exact(points: Tensor) -> Tensor:

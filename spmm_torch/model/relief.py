@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from ..geometry.directions import REPEAT, RULES
+from ..geometry.neighbours import measured_alike
 from ..geometry.relief import HeightField, steepest
 
 CODE_MAX = 255  # largest code of a height, which has one byte
@@ -70,6 +71,19 @@ class Relief(nn.Module):
     def with_heights(self, height: Tensor) -> Relief:
         """The same rule and drift with other heights `[T]`."""
         return Relief.of_heights(height, self.rule, self.drift)
+
+    def drift_of(self, view: Tensor, measured: Tensor) -> Tensor:
+        """The drift `[N, 2]` of the pictures of some views; 0 for those that were not measured.
+
+        Args:
+            view: unit vectors `[N, 3]`.
+            measured: all measured views, `[V, 3]`.
+        """
+        drift = torch.zeros(len(view), 2, device=view.device)
+        if self.drift is None:
+            return drift
+        known, index = measured_alike(view, measured)
+        return torch.where(known[:, None], self.drift.to(drift)[index], drift)
 
     def encoded(self) -> tuple[Tensor | None, Tensor, Tensor]:
         """(code `[T]` uint8 or None, scale `[]`, offset `[]`) of the heights as a file has them.

@@ -491,8 +491,16 @@ class SPMM(nn.Module):
         return total if self.components is None else total + self.components.intensity()
 
     @full_precision()
-    def picture(self, wi: Tensor, wo: Tensor, residual: bool = True) -> Tensor:
+    def picture(
+        self, wi: Tensor, wo: Tensor, residual: bool = True, registered: bool = False
+    ) -> Tensor:
         """Values `[H, W, C]` at all texel centres under one wi `[3]` and wo `[3]`, row 0 on top.
+
+        Args:
+            wi, wo: unit vectors.
+            residual: whether to add the residual.
+            registered: whether it lies as the measured picture of that view does, whose drift
+                `relief` knows: for comparisons with measured pictures.
 
         Raises:
             DataError: a direction is not unit, or a number is NaN; see `checks_queries`.
@@ -507,6 +515,8 @@ class SPMM(nn.Module):
             total = total + self._residual_picture(wi, wo)
         if self.relief is not None:
             centres = texel_centres(self.height, self.width, wo)
+            if registered:
+                centres = centres + self.relief.drift_of(wo[None], self.view)
             texel, bilinear = self.texels_seen(centres, wo)
             total = (total[texel] * bilinear[..., None]).sum(dim=1)
         return total.view(self.height, self.width, -1)

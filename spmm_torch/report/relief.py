@@ -47,12 +47,12 @@ def relief_gallery(model: SPMM, btf: BTF) -> Gallery | None:
     if model.relief is None:
         return None
     pair = choose_pairs(btf.light, btf.view, btf.missing, OBLIQUE)[0]
-    wi, wo = btf.light[pair.light], btf.view[pair.view]
+    wi, wo = btf.light[pair.light].to(model.light), btf.view[pair.view].to(model.view)
     flat = flattened(model)
     original = btf.picture(pair.view, pair.light).cpu().float()
     shown = {"Original": original}
     for name, each in (("With relief", model), ("Without relief", flat)):
-        shown[name] = each.picture(wi.to(model.light), wo.to(model.view)).cpu().float()
+        shown[name] = each.picture(wi, wo, registered=True).cpu().float()
     factor = white_exposure(original.numpy())
 
     def picture(name: str, linear: Tensor) -> Picture:

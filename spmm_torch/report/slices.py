@@ -63,8 +63,9 @@ def take_slices(model: SPMM, btf: BTF, pairs: Sequence[Pair]) -> list[Slice]:
     for pair in pairs:
         wi, wo = btf.light[pair.light], btf.view[pair.view]
         original = btf.picture(pair.view, pair.light).cpu().float()
+        wi, wo = wi.to(model.light), wo.to(model.view)
         lobes, whole = (
-            model.picture(wi.to(model.light), wo.to(model.view), residual=residual).cpu().float()
+            model.picture(wi, wo, residual, registered=True).cpu().float()
             for residual in (False, True)
         )
         factor = white_exposure(original.numpy())

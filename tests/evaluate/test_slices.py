@@ -14,8 +14,9 @@ from spmm_torch.data import BTF
 from spmm_torch.evaluate import slices
 from spmm_torch.evaluate.slice_sample import SLICES
 from spmm_torch.evaluate.slices import figures_of, model_pictures, slice_figures
+from spmm_torch.geometry.relief import texel_centres
 from tests.planted.btfs import COARSE_RINGS, measured, rough_btf, tabulated
-from tests.planted.models import planted_model, with_residual
+from tests.planted.models import planted_model, planted_relief, with_relief, with_residual
 
 BEST = 58.92  # dB: codes that differ by less than their rounding
 
@@ -125,3 +126,15 @@ def test_flip_is_unknown_without_its_extra(monkeypatch: pytest.MonkeyPatch, btf:
     found = figures_of(btf, btf.picture)
     assert found.display.flip.with_residual is None
     assert found.display.psnr_db.with_residual is not None
+
+
+def test_pictures_lie_as_the_measured_ones_do() -> None:
+    model, btf = planted_model(6, rings=COARSE_RINGS, seed=1), rough_btf(6)
+    drift = 0.1 * torch.rand(len(model.view), 2, generator=torch.Generator().manual_seed(2))
+    model = with_relief(model, planted_relief(6, 6, 0.2, drift=drift))
+    uv = texel_centres(6, 6, model.view)
+    for view, light in ((0, 3), (7, 0)):
+        wi, wo = model.light[light], model.view[view]
+        expected = model(uv + drift[view], wi, wo).view(6, 6, 3).detach()
+        torch.testing.assert_close(model_pictures(model, btf)(view, light).detach(), expected)
+        assert not torch.allclose(model.picture(wi, wo), expected, rtol=1e-2)
