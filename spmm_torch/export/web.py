@@ -188,6 +188,7 @@ def facts(model: SPMM) -> dict[str, Any]:
         "horizon_sine": math.sin(model.horizon),
         "lowest_light": model.lowest_light,
         "steepest": steepest(model.view, STEEPEST),
+        "lowest_view": model.lowest_view,
         "mean_code": 0.0 if code is None else float(code.double().mean()),
         "exposure": exposure(model),
         "widths": [

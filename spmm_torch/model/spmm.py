@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from ..brdf import MODEL_NAMES
 from ..errors import ConfigError, OutputError
 from ..geometry.directions import CLAMP, REPEAT, RULES, texel_at
-from ..geometry.grazing import lowest_cosine
+from ..geometry.grazing import held_view, lowest_cosine
 from ..geometry.relief import steepest, texel_centres
 from ..lobes.batch import LobeBatch
 from ..lobes.ragged import stable_order
@@ -283,7 +283,8 @@ class SPMM(nn.Module):
         and the texture repeats, or continues by the rule of its relief; without a relief, a texel
         centre returns its texel. Lobes are analytic, so directions need not be measured ones; the
         residual is interpolated between those, and signed, so values a little below 0 occur. Both
-        fade below the lowest measured light.
+        fade below the lowest measured light. A relief shows to views below the lowest measured one
+        what it shows to that.
 
         There are two ways to the same values: ragged lists, which is the fast way of a program that
         runs as it stands, and padded tables, which `torch.compile`, `torch.export` and `torch.func`
@@ -306,11 +307,19 @@ class SPMM(nn.Module):
             check_queries(uv=uv, wi=wi, wo=wo)
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
+        wo = self.held_view(wo)
         if traced if padded is None else padded:
             value = dense.values(self, uv, wi, wo, residual=residual, block=EVALUATED_ENTRIES)
         else:
             value = self._ragged(uv, wi, wo, residual)
         return value.view(*shape, self.weight.shape[1])
+
+    def held_view(self, wo: Tensor) -> Tensor:
+        """Views `[..., 3]` as they are shown: of a relief none is below all measured ones."""
+        if self.relief is None:
+            return wo
+        uneven = self.relief.height.detach().any()  # no height at all is no relief
+        return torch.where(uneven, held_view(wo, self.lowest_view), wo)
 
     @full_precision()
     def _ragged(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool) -> Tensor:
@@ -344,6 +353,7 @@ class SPMM(nn.Module):
         """Keeps the entries' tensors apart from the buffers: an export has these replaced."""
         self._structure = self.offset, self.index, self.lobe_model
         self.steepest = steepest(self.view, STEEPEST)
+        self.lowest_view = lowest_cosine(self.view)
 
     @full_precision()
     def sample(self, uv: Tensor, wo: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -364,6 +374,7 @@ class SPMM(nn.Module):
             check_queries(uv=uv, wo=wo, u=u)
         shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
         uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
+        wo = self.held_view(wo)
         texel, bilinear = self.texels_seen(uv, wo)
         with torch.no_grad():
             wi, density = sampling.sample(self.sampling_data(), texel, bilinear.detach(), wo, u)
@@ -386,6 +397,7 @@ class SPMM(nn.Module):
             check_queries(uv=uv, wi=wi, wo=wo)
         shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
+        wo = self.held_view(wo)
         texel, bilinear = self.texels_seen(uv, wo)
         return sampling.pdf(self.sampling_data(), texel, bilinear, wi, wo).view(shape)
 
@@ -507,6 +519,7 @@ class SPMM(nn.Module):
         """
         if self.checks_queries:
             check_queries(wi=wi, wo=wo)
+        measured, wo = wo, self.held_view(wo)
         rho = self.dictionary.eval(wi[None, None], wo[None, None]).squeeze(1)  # [J]
         value = self.weight * rho[self.index, None]  # [N, C]
         texel = torch.repeat_interleave(self.lobe_count_per_texel())
@@ -516,7 +529,7 @@ class SPMM(nn.Module):
         if self.relief is not None:
             centres = texel_centres(self.height, self.width, wo)
             if registered:
-                centres = centres + self.relief.drift_of(wo[None], self.view)
+                centres = centres + self.relief.drift_of(measured[None], self.view)
             texel, bilinear = self.texels_seen(centres, wo)
             total = (total[texel] * bilinear[..., None]).sum(dim=1)
         return total.view(self.height, self.width, -1)

@@ -85,13 +85,29 @@ def test_values_are_those_of_the_flat_model_at_the_hits() -> None:
     model = with_relief(flat)
     assert model.relief is not None
     uv, wi, wo = queries(400)
-    hit = model.relief.field(SIZE, SIZE, model.view).hit(uv, wo)
+    held = model.held_view(wo)
+    hit = model.relief.field(SIZE, SIZE, model.view).hit(uv, held)
     assert float((hit - uv).abs().max()) > 0.05
-    assert torch.equal(model(uv, wi, wo), flat(hit, wi, wo))
-    assert torch.equal(model.pdf(uv, wi, wo), flat.pdf(hit, wi, wo))
+    assert torch.equal(model(uv, wi, wo), flat(hit, wi, held))
+    assert torch.equal(model.pdf(uv, wi, wo), flat.pdf(hit, wi, held))
     u = torch.rand(400, 3, generator=torch.Generator().manual_seed(7))
-    for found, expected in zip(model.sample(uv, wo, u), flat.sample(hit, wo, u), strict=True):
+    for found, expected in zip(model.sample(uv, wo, u), flat.sample(hit, held, u), strict=True):
         assert torch.equal(found, expected)
+
+
+def test_views_below_all_measured_ones_see_what_the_lowest_sees() -> None:
+    model = with_relief(flat_model())
+    lowest = model.view[model.view[:, 2].argmin()]
+    wi = model.light
+    uv = torch.rand(len(wi), 2)
+    for z in (0.5 * float(lowest[2]), 1e-4):
+        planar = lowest[:2] * ((1.0 - z * z) / float(lowest[:2].square().sum())) ** 0.5
+        wo = torch.cat((planar, torch.tensor([z])))
+        torch.testing.assert_close(model(uv, wi, wo), model(uv, wi, lowest))
+        torch.testing.assert_close(model.pdf(uv, wi, wo), model.pdf(uv, wi, lowest))
+        torch.testing.assert_close(model.picture(wi[0], wo), model.picture(wi[0], lowest))
+    under = torch.tensor([0.0, 0.8, -0.6])
+    assert float(model(uv, wi, under).detach().abs().max()) == 0.0
 
 
 def test_lobes_continue_by_the_rule_of_the_relief() -> None:

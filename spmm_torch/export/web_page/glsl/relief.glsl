@@ -3,8 +3,15 @@
 #if RELIEF
 uniform float height_offset;  // height of code 0, or of the whole plane
 uniform float steepest;       // greatest |wo.xy| / wo.z that is walked
+uniform float lowest_view;    // z of the lowest measured view
 
 const float LEAST_SLOPE = 1e-30;  // of views from straight above alone
+
+// Views below all measured ones are turned up to the lowest of them.
+vec3 held_view(vec3 wo) {
+    float planar = sqrt(1.0 - lowest_view * lowest_view) / length(wo.xy);
+    return wo.z < lowest_view ? vec3(planar * wo.xy, lowest_view) : wo;
+}
 
 // Texture widths rightwards and texture heights upwards for each of height.
 vec2 shift_in_uv(vec3 wo) {
@@ -120,6 +127,10 @@ vec2 hit(vec2 uv, vec3 wo) {
     return uv + height_offset * shift_in_uv(wo);
 }
 #else
+vec3 held_view(vec3 wo) {
+    return wo;
+}
+
 vec2 hit(vec2 uv, vec3 wo) {
     return uv;
 }

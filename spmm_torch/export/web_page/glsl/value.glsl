@@ -7,6 +7,7 @@ void reflectance(vec2 uv, vec3 wi[LIGHTS], vec3 wo, out vec3 value[LIGHTS]) {
     if (wo.z <= 0.0) {
         return;
     }
+    wo = held_view(wo);
     Corners corners = corners_around(hit(uv, wo));
     add_lobes(corners, wi, wo, value);
     add_residual(corners, wi, wo, value);

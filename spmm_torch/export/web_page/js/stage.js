@@ -21,6 +21,7 @@ function modelUniforms({ model, facts, meshes }, state) {
     strength: [state.diffuse, state.specular],
     residual_strength: [state.residual],
     steepest: [facts.steepest],
+    lowest_view: [offset || scale ? facts.lowest_view : 0],
     height_offset: [middle + (offset - middle) * state.depth],
     height_scale: [scale * state.depth],
   };
