@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from spmm_torch import SPMM
@@ -32,10 +33,7 @@ def test_the_scene_renders_as_it_is(tmp_path: Path) -> None:
         assert outcome.loss.snr_db > 100.0
     command = [sys.executable, str(out / "render.py"), variant, "size=8", "samples=4"]
     subprocess.run(command, check=True, cwd=tmp_path, timeout=600)
-    import mitsuba
-
-    mitsuba.set_variant("scalar_rgb")
-    picture = np.array(mitsuba.Bitmap(str(out / "picture.exr")))[..., :3]
+    picture = OpenEXR.File(str(out / "picture.exr")).channels()["RGB"].pixels
     assert picture.shape == (8, 8, 3)
     assert np.isfinite(picture).all()
     assert picture[4, 4].min() > 0.0
