@@ -33,6 +33,10 @@ from .setup import Setup
 from .sweep import Swept, sweep
 from .system import MAX_ROUNDING_DB, System
 
+# Number formats of functions and coefficients, the fewest bytes a texel first.
+BYTES, HALVES = torch.int8, torch.float16
+STORED_AS = ((BYTES, BYTES), (HALVES, BYTES), (HALVES, HALVES))
+
 
 @dataclass(frozen=True)
 class Turns:
@@ -106,7 +110,8 @@ class Turns:
     def stored(self, entries: SparseWeights) -> RankResidual:
         """The residual as a file holds it, beside lobes whose weights were rounded.
 
-        Bytes serve unless their rounding shows, as in models that are nearly exact.
+        Bytes serve unless their rounding shows. It shows in the functions first, which all texels
+        share; in the coefficients only of models that are nearly exact.
         """
         products = self._products(entries)
         found = self._coefficients(products, self.coefficient)
@@ -115,10 +120,10 @@ class Turns:
         left = max(self.system.error(entries.weight) - taken, 0.0)
         room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * left
         size = found.double().square().sum(0)  # [R]
-        for kind in (torch.int8, torch.float16):
-            code, scale = encode_functions(functions, kind)
+        for of_functions, of_coefficients in STORED_AS:
+            code, scale = encode_functions(functions, of_functions)
             rounding = (decode_functions(code, scale) - functions).double().square()
-            coefficient = encode_coefficients(found, kind)
+            coefficient = encode_coefficients(found, of_coefficients)
             stored = decode_coefficients(*coefficient)
             lost = float(size @ rounding.flatten(1).sum(1)) + taken - self._taken(products, stored)
             if lost <= room:

@@ -15,11 +15,12 @@ from spmm_torch import BTF, SPMM, FitConfig
 from spmm_torch.data.error_weights import Weights
 from spmm_torch.evaluate.sums import squared_errors
 from spmm_torch.fit import FitResult, align, fit
-from spmm_torch.fit.refit import stage
+from spmm_torch.fit.refit import stage, turns
 from spmm_torch.fit.relief.estimate import Estimate
 from spmm_torch.geometry.directions import MIRROR, direction_pairs, ring_directions
 from spmm_torch.geometry.relief import texel_centres
 from spmm_torch.metrics import snr_db
+from spmm_torch.model.components import encode_functions
 from spmm_torch.model.lookup import SparseWeights
 from spmm_torch.report import check_report
 from spmm_torch.runtime.checkpoint import Checkpoint
@@ -273,3 +274,21 @@ def test_weights_of_an_exact_fit_stay_exact() -> None:
     check_errors(btf, result)
     assert result.report["snr_db"]["without_residual"] > 65.0
     assert result.model.weight_type == torch.float32
+
+
+def test_functions_beyond_bytes_leave_coefficients_in_bytes(
+    known: BTF, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def coarse(values: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
+        code, scale = encode_functions(values, dtype)
+        return (code, 1.5 * scale) if dtype == torch.int8 else (code, scale)
+
+    as_bytes = fit(known, config(), render=False)
+    monkeypatch.setattr(turns, "encode_functions", coarse)
+    result = fit(known, config(), render=False)
+    check_errors(known, result)
+    for found, kind in ((as_bytes, torch.int8), (result, torch.float16)):
+        components = found.model.components
+        assert components is not None
+        assert components.code.dtype == kind
+        assert components.coefficient.dtype == torch.int8
