@@ -10,14 +10,15 @@ import torch
 from torch import Tensor
 
 from ..errors import DataError
+from ..model.components import Components
 from ..model.spmm import SPMM
 from . import mixture, tables
-from .arrays import index_array, tensor
+from .arrays import index_array, is_jit, tensor
 from .hemisphere import Mesh, Pairs
 from .libraries import dr
 from .mixture import Lobes
 from .ray_walk import Walk
-from .residual import Clusters, RankResidual, epsilons
+from .residual import ByteResidual, Clusters, RankResidual, Residual, epsilons
 from .texels import block_at, block_corners
 
 # Parameters that the sampler follows through the model in torch.
@@ -53,7 +54,8 @@ class Material:
         self._corner_array = index_array(corners)
         self._residual_rows = tables.cluster_rows(model) if len(model.residual.code) else None
         if model.components is not None:
-            self._component_rows = tables.component_rows(model.components, model.texel_count)
+            self._function_rows = tables.function_rows(model.components)
+            self._coefficient_rows = tables.coefficient_rows(model.components, model.texel_count)
         self._walk = None
         if model.relief is not None:
             field = model.relief.field(model.height, model.width, model.view)
@@ -139,25 +141,27 @@ class Material:
         self._specular, self._group = tables.specular_entries(self._corners, data)
         self._residuals = self._residual_kinds()
 
-    def _residual_kinds(self) -> list[Clusters | RankResidual]:
+    def _residual_kinds(self) -> list[Residual]:
         """The residuals of the model."""
-        kinds: list[Clusters | RankResidual] = []
+        kinds: list[Residual] = []
         if self._residual_rows is not None:
             values = self._residual_rows.of(self.parameters["residual"])
             pairs = self._light.count * self._view.count
             kinds.append(Clusters(values, self._labels, pairs))
         if self.model.components is not None:
-            functions, coefficients, rank = self._component_rows
-            kinds.append(
-                RankResidual(
-                    functions.of(self.parameters["functions"]),
-                    coefficients.of(self.parameters["coefficients"]),
-                    self._corner_array,
-                    rank,
-                    tables.width_of(self.model.components),
-                )
-            )
+            kinds.append(self._rank_residual(self.model.components))
         return kinds
+
+    def _rank_residual(self, components: Components) -> RankResidual:
+        """The residual of rank R, of bytes as far as its functions are those of a file."""
+        functions = self.parameters["functions"]
+        coefficients = self._coefficient_rows.of(self.parameters["coefficients"])
+        rank, width = tables.padded_rank(components), tables.width_of(components)
+        common = coefficients, self._corner_array, rank, width
+        if is_jit() and components.code.dtype == torch.int8 and not dr.grad_enabled(functions):
+            words, scales, count = tables.byte_words(components)
+            return ByteResidual(words, *common, scales, count)
+        return RankResidual(self._function_rows.of(functions), *common)
 
 
 @torch.no_grad()

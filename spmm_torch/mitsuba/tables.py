@@ -18,7 +18,7 @@ from .arrays import float_array, index_array, joined, taken
 from .brdf import TWINS, Twin
 from .libraries import dr
 from .mixture import KAPPA, LOBE, MODEL, Entries
-from .residual import WIDTH
+from .residual import BYTES, TOP_STEP, WIDTH, WORDS
 
 # What `Rows.place` has where a row holds no number.
 NONE = -1
@@ -147,20 +147,38 @@ def width_of(components: Components) -> int:
     return min(WIDTH, 1 << max(2, (components.rank - 1).bit_length()))
 
 
-def component_rows(components: Components, texels: int) -> tuple[Rows, Rows, int]:
-    """(where functions `[D, 3, R']` stand, where coefficients `[T, R']` do, R')."""
-    rank, width = components.rank, width_of(components)
-    padded = -(-rank // width) * width
-    component = torch.arange(padded)
-    pairs, channels = components.code[0, ..., 0].numel(), components.code.shape[-1]
+def padded_rank(components: Components) -> int:
+    """Components of a row of a table: the next multiple of `width_of`."""
+    width = width_of(components)
+    return -(-components.rank // width) * width
+
+
+def function_rows(components: Components) -> Rows:
+    """Where functions `[D, 3, R']` stand among those `[R, V, L, C]` of the parameter."""
+    rank, channels = components.rank, components.code.shape[-1]
+    component = torch.arange(padded_rank(components))
+    pairs = components.code[0, ..., 0].numel()
     pair = torch.arange(pairs)[:, None, None]
     function = (component * pairs + pair) * channels + _channel(channels)[:, None]
-    coefficient = torch.arange(texels)[:, None] * rank + component
-    return (
-        Rows.build(torch.where(component < rank, function, NONE)),
-        Rows.build(torch.where(component < rank, coefficient, NONE)),
-        padded,
-    )
+    return Rows.build(torch.where(component < rank, function, NONE))
+
+
+def coefficient_rows(components: Components, texels: int) -> Rows:
+    """Where coefficients `[T, R']` stand among those `[T, R]` of the parameter."""
+    component = torch.arange(padded_rank(components))
+    coefficient = torch.arange(texels)[:, None] * components.rank + component
+    return Rows.build(torch.where(component < components.rank, coefficient, NONE))
+
+
+def byte_words(components: Components) -> tuple[Any, Any, int]:
+    """(functions `[D, W]` of signed bytes, four a word; scales `[V, R']` over TOP_STEP; W)."""
+    pad = (0, padded_rank(components) - components.rank)
+    code = components.code[..., _channel(components.code.shape[-1])]  # [R, V, L, 3]
+    rows = torch.nn.functional.pad(code.flatten(1, 2).permute(1, 2, 0), pad).flatten(1)
+    rows = torch.nn.functional.pad(rows, (0, -rows.shape[1] % (BYTES * WORDS)))
+    words = rows.cpu().numpy().astype("<i1").view("<u4")  # the first byte lowest
+    scales = torch.nn.functional.pad(components.scale.T, pad) / TOP_STEP
+    return index_array(words), float_array(scales), words.shape[1]
 
 
 def _channel(channels: int) -> Tensor:
