@@ -142,9 +142,7 @@ class Pairs:
         found = []
         for wi, factor in lights:
             near, weights = light.around(wi)
-            found.append(
-                cls(light.count, views, near, view_weights, [n * factor for n in weights])
-            )
+            found.append(cls(light.count, views, near, view_weights, [n * factor for n in weights]))
         return found
 
     def parts(self) -> tuple[Any, ...]:
