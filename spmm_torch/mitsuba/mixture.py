@@ -84,8 +84,7 @@ def evaluated(
     corner = chances.corner if chances is not None else ()
     for group in range(len(entries.used)):
         if entries.used[group]:
-            parts = _of_group(lobes, entries, numbers, group, place, corner, lights, wo)
-            totals = tuple(total + part for total, part in zip(totals, parts, strict=True))
+            totals = _with_group(lobes, entries, numbers, group, totals, place, corner, lights, wo)
     colours, densities = [], []
     for n, wi in enumerate(lights):
         above = (wi.z > 0.0) & (wo.z > 0.0)
@@ -95,21 +94,23 @@ def evaluated(
     return colours, densities
 
 
-def _of_group(
+def _with_group(
     lobes: Lobes,
     entries: Entries,
     numbers: Any,
     group: int,
+    totals: tuple[Any, ...],
     place: tuple[Any, Sequence[Any]],
     corner: tuple[Any, ...],
     lights: Sequence[Any],
     wo: Any,
 ) -> tuple[Any, ...]:
-    """RGB of each wi, and then the density of each, of the entries of a group; see `evaluated`.
+    """`totals`, RGB of each wi and then densities, with the entries of a group; see `evaluated`.
 
-    All that has gradients is part of the state of the loop, and sums start at 0, without any.
+    All that has gradients is part of the state of the loop, and sums are added after it: no loop
+    may add to what has gradients before it.
     """
-    (block, weights), twin, sums = place, lobes.twins[group // 2], 4 * len(lights)
+    (block, weights), twin, sums = place, lobes.twins[group // 2], len(totals)
     sampled = bool(corner) and group % 2 == 1
 
     def add(entry: Any, *state: Any) -> tuple[Any, ...]:
@@ -128,9 +129,11 @@ def _of_group(
 
     entry, end = entries.of(block, group)
     lit = (wo.z > 0.0) & _any([wi.z > 0.0 for wi in lights])
-    zeros = (mi.Float(0.0) for _ in range(sums))
-    start = (dr.select(lit, entry, end), *zeros, wo, *lights, *weights)
-    return loop(start, lambda entry, *_: entry < end, add)[1 : 1 + sums]
+    apart = dr.grad_enabled(totals)
+    before = tuple(mi.Float(0.0) for _ in totals) if apart else totals
+    start = (dr.select(lit, entry, end), *before, wo, *lights, *weights)
+    after = loop(start, lambda entry, *_: entry < end, add)[1 : 1 + sums]
+    return tuple(t + part for t, part in zip(totals, after, strict=True)) if apart else after
 
 
 def _densities(
