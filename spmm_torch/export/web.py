@@ -1,6 +1,6 @@
 """One offline HTML page that shows a model in real time, by WebGL 2.
 
-The page holds the model file, compressed, and the shader that evaluates it; nothing is lost.
+The page holds the model file and the shader that evaluates it, both compressed; nothing is lost.
 """
 
 from __future__ import annotations
@@ -61,25 +61,23 @@ class Page:
 
     Attributes:
         title, caption: of the material.
-        style, script: texts.
+        style, boot: texts; `boot` is the script that unpacks all others.
         copies: of the texture across half a turn of the sphere, at first.
         groups: whether the model has lobes or a part of that name.
         widths: whether a group of lobes has one whose width can be scaled.
         model: the model file, compressed, as text.
-        facts: JSON of what the script has to know.
-        shaders: texts by name.
+        texts: scripts, shaders by name, and what they have to know: JSON, compressed, as text.
     """
 
     title: str
     caption: str
     style: str
-    script: str
+    boot: str
     copies: int
     groups: dict[str, bool]
     widths: dict[str, bool]
     model: str
-    facts: str
-    shaders: dict[str, str]
+    texts: str
 
 
 def write(place: Path, model: SPMM, settings: Any, progress: Progress) -> Exported:
@@ -102,17 +100,21 @@ def page_text(model: SPMM) -> str:
     specular = specular_mask(model.dictionary.detach())
     shaders = {name: glsl(name) for name in SHADERS}
     shaders["show.frag"] = glsl("tone_mapping.glsl") + shaders["show.frag"]
+    texts = {
+        "script": "\n".join(map(script, SCRIPTS)),
+        "shaders": {"model.glsl": reflectance_shader(model), **shaders},
+        "facts": facts(model),
+    }
     page = Page(
         model.name or "material",
         caption(model),
         (FOLDER / "style.css").read_text(encoding="utf-8"),
-        "\n".join((FOLDER / "js" / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
+        script("boot"),
         min(max(round(TEXELS_IN_HALF_TURN / model.width), 1), MOST_COPIES),
         groups(model, specular),
         {"diffuse": has_widths(model, ~specular), "specular": has_widths(model, specular)},
         compressed(model, specular),
-        json.dumps(facts(model)),
-        {"model.glsl": reflectance_shader(model), **shaders},
+        deflated(json.dumps(texts).encode()),
     )
     environment = Environment(
         loader=PackageLoader("spmm_torch.export", "web_page"),
@@ -121,6 +123,16 @@ def page_text(model: SPMM) -> str:
         lstrip_blocks=True,
     )
     return environment.get_template("page.html.j2").render(page=page)
+
+
+def script(name: str) -> str:
+    """A script of the page."""
+    return (FOLDER / "js" / f"{name}.js").read_text(encoding="utf-8")
+
+
+def deflated(content: bytes) -> str:
+    """Bytes as deflated base64."""
+    return base64.b64encode(zlib.compress(content, 9)).decode("ascii")
 
 
 def caption(model: SPMM) -> str:
@@ -168,8 +180,7 @@ def compressed(model: SPMM, specular: Tensor) -> str:
     tensors["page.specular"] = specular.to(torch.uint8)
     for name, directions in (("light", model.light), ("view", model.view)):
         tensors[f"page.{name}_cells"] = tensor_file.narrow(cells(directions))
-    packed = zlib.compress(tensor_file.pack(tensors, metadata), 9)
-    return base64.b64encode(packed).decode("ascii")
+    return deflated(tensor_file.pack(tensors, metadata))
 
 
 def cells(directions: Tensor) -> Tensor:

@@ -74,13 +74,13 @@ def row(source: Any, index: Any, count: int) -> list[Any]:
     return list(dr.gather(kind, source, index, shape=(count, dr.width(index))))
 
 
-def columns(source: Any, index: Any, count: int, chosen: Iterable[int]) -> dict[int, Any]:
-    """Some numbers, by column, of row `index` of a table of `count` numbers a row.
+def columns(source: Any, index: Any, count: int, chosen: Iterable[int]) -> list[Any]:
+    """Some columns of row `index` of a table of `count` numbers a row.
 
     One by one: rays of one pixel read the same rows, which packets would only turn over.
     """
     first = count * index
-    return {column: one(source, first + column) for column in chosen}
+    return [one(source, first + column) for column in chosen]
 
 
 def one(source: Any, index: Any) -> Any:

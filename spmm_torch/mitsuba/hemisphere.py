@@ -27,6 +27,7 @@ class Mesh:
         directions: unit vectors `[N, 4]`, the last number unused.
         rank: candidates of a square.
         count: directions, N.
+        covers: whether the cells hold all directions of the upper hemisphere.
     """
 
     cells: Any
@@ -34,6 +35,7 @@ class Mesh:
     directions: Any
     rank: int
     count: int
+    covers: bool
 
     @classmethod
     def build(cls, mesh: HemisphereInterpolation) -> Mesh:
@@ -50,19 +52,25 @@ class Mesh:
             float_array(directions),
             len(mesh.candidates),
             len(directions),
+            mesh.covers,
         )
 
     def around(self, w: Any) -> tuple[list[Any], list[Any]]:
-        """Three measured directions around w, and their weights, which sum to 1."""
+        """Three measured directions around w, and their weights, which sum to 1.
+
+        Of directions under the horizon they are numbers without a meaning.
+        """
         held, cell = self._located(dr.detach(w))
         numbers = row(self.cells, cell, CELL)
         parts = _corner_weights(numbers, _barycentric(numbers, w))
-        total = dr.select(held, parts[0] + parts[1] + parts[2], 1.0)
-        nearest = self._nearest(dr.detach(w), held)
-        corners = [dr.select(held, mi.UInt32(n), nearest) for n in numbers[10:13]]
-        alone = (1.0, 0.0, 0.0)
-        weights = [dr.select(held, p / total, a) for p, a in zip(parts, alone, strict=True)]
-        return corners, weights
+        total = parts[0] + parts[1] + parts[2]
+        scale = 1.0 / dr.select(held, total, 1.0)
+        corners, weights = [mi.UInt32(n) for n in numbers[10:13]], [p * scale for p in parts]
+        if self.covers:
+            return corners, weights
+        nearest, alone = self._nearest(dr.detach(w), held), (1.0, 0.0, 0.0)
+        corners = [dr.select(held, corner, nearest) for corner in corners]
+        return corners, [dr.select(held, *each) for each in zip(weights, alone, strict=True)]
 
     def _located(self, w: Any) -> tuple[Any, Any]:
         """(whether a cell holds w, the cell)."""
@@ -87,14 +95,15 @@ class Mesh:
         return margin > -EDGE_TOLERANCE, cell
 
     def _nearest(self, w: Any, held: Any) -> Any:
-        """The measured direction nearest to w, sought only where no cell holds w."""
+        """The measured direction nearest to w, sought where no cell holds w over the horizon."""
 
         def nearer(n: Any, best: Any, most: Any) -> tuple[Any, Any, Any]:
             x, y, z, _ = row(self.directions, n, 4)
             cosine = x * w.x + y * w.y + z * w.z
             return n + 1, dr.select(cosine > most, n, best), dr.maximum(cosine, most)
 
-        start = (dr.select(held, mi.UInt32(self.count), mi.UInt32(0)), mi.UInt32(0), mi.Float(-2.0))
+        first = dr.select(held | (w.z < 0.0), mi.UInt32(self.count), mi.UInt32(0))
+        start = (first, mi.UInt32(0), mi.Float(-2.0))
         return loop(start, lambda n, best, most: n < self.count, nearer)[1]
 
 
@@ -103,23 +112,26 @@ class Pairs:
     """The nine measured pairs around a query.
 
     Attributes:
-        view, light: the first parts of the numbers of pairs, and the second, three each.
+        lights: measured lights, L; the number of a pair is view * L + light.
+        view, light: measured directions, three each.
         view_weight, light_weight: three each.
     """
 
+    lights: int
     view: Sequence[Any]
     light: Sequence[Any]
     view_weight: Sequence[Any]
     light_weight: Sequence[Any]
 
     COUNT: ClassVar = 9
+    VIEWS: ClassVar = 3
     PARTS: ClassVar = 12
 
     @classmethod
     def around(
         cls, light: Mesh, view: Mesh, lights: Sequence[tuple[Any, Any]], wo: Any
     ) -> list[Pairs]:
-        """The pairs view * L + light around wo and each wi, with weights times a factor.
+        """The pairs around wo and each wi, with weights times a factor.
 
         Args:
             light, view: meshes of the measured directions.
@@ -127,27 +139,36 @@ class Pairs:
             wo: the view of all of them.
         """
         views, view_weights = view.around(wo)
-        first = [n * light.count for n in views]
         found = []
         for wi, factor in lights:
             near, weights = light.around(wi)
-            found.append(cls(first, near, view_weights, [n * factor for n in weights]))
+            found.append(cls(light.count, views, near, view_weights, [n * factor for n in weights]))
         return found
-
-    @classmethod
-    def of_parts(cls, parts: Sequence[Any]) -> Pairs:
-        """The inverse of `parts`."""
-        return cls(parts[0:3], parts[3:6], parts[6:9], parts[9:12])
 
     def parts(self) -> tuple[Any, ...]:
         """All numbers, for the state of a loop."""
         return *self.view, *self.light, *self.view_weight, *self.light_weight
 
+    def with_parts(self, parts: Sequence[Any]) -> Pairs:
+        """The same measured directions with other `parts`."""
+        return Pairs(self.lights, parts[0:3], parts[3:6], parts[6:9], parts[9:12])
+
+    def turned(self) -> Pairs:
+        """The same pairs, with the next view as the first."""
+        views, weights = ([*three[1:], three[0]] for three in (self.view, self.view_weight))
+        return Pairs(self.lights, views, self.light, weights, self.light_weight)
+
+    def of_first_view(self) -> list[tuple[Any, Any]]:
+        """(pair, weight) of the first view with each light."""
+        first, weight = self.view[0] * self.lights, self.view_weight[0]
+        lights = zip(self.light, self.light_weight, strict=True)
+        return [(first + light, weight * share) for light, share in lights]
+
     def of(self, n: Any) -> tuple[Any, Any]:
         """(pair, weight) number n, from 0 to 8."""
         across = n // 3
         along = n - 3 * across
-        pair = _chosen(across, self.view) + _chosen(along, self.light)
+        pair = _chosen(across, self.view) * self.lights + _chosen(along, self.light)
         return pair, _chosen(across, self.view_weight) * _chosen(along, self.light_weight)
 
 

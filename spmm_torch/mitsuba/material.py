@@ -10,14 +10,15 @@ import torch
 from torch import Tensor
 
 from ..errors import DataError
+from ..model.components import Components
 from ..model.spmm import SPMM
 from . import mixture, tables
-from .arrays import index_array, tensor
+from .arrays import index_array, is_jit, tensor
 from .hemisphere import Mesh, Pairs
 from .libraries import dr
-from .mixture import Lobes
+from .lobe import Lobes
 from .ray_walk import Walk
-from .residual import Clusters, RankResidual, epsilons
+from .residual import ByteResidual, Clusters, RankResidual, Residual, epsilons
 from .texels import block_at, block_corners
 
 # Parameters that the sampler follows through the model in torch.
@@ -45,7 +46,7 @@ class Material:
         self.parameters = {name: tensor(value) for name, value in _numbers(model).items()}
         corners = block_corners(model.height, model.width, model.rule)
         self._corners = corners
-        self._merged, self._weight_rows = tables.weight_rows(corners, model)
+        self._merged = tables.Merged.build(corners, model)
         pairs = model.residual.pairs
         self._light, self._view = Mesh.build(pairs.light), Mesh.build(pairs.view)
         self._lowest = pairs.lowest_light
@@ -53,7 +54,8 @@ class Material:
         self._corner_array = index_array(corners)
         self._residual_rows = tables.cluster_rows(model) if len(model.residual.code) else None
         if model.components is not None:
-            self._component_rows = tables.component_rows(model.components, model.texel_count)
+            self._function_rows = tables.function_rows(model.components)
+            self._coefficient_rows = tables.coefficient_rows(model.components, model.texel_count)
         self._walk = None
         if model.relief is not None:
             field = model.relief.field(model.height, model.width, model.view)
@@ -99,29 +101,29 @@ class Material:
             uv = self._walk.hit(uv, wo)
         return block_at(uv, self.model.height, self.model.width, self.model.rule)
 
-    def values(self, place: Place, lights: Sequence[Any], wo: Any) -> list[Any]:
-        """Cosine-weighted RGB [WDR11 Eq. 2] at a place for each wi; 0 under the horizon."""
-        total = mixture.values(self._lobes, self._entries, *place, lights, wo)
+    def evaluated(
+        self, place: Place, chances: mixture.Shares | None, lights: Sequence[Any], wo: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """(cosine-weighted RGB [WDR11 Eq. 2], density of `sample` in 1/sr) at each wi.
+
+        Both are 0 under the horizon; densities have no meaning without chances.
+        """
+        total, densities = mixture.evaluated(
+            self._lobes, self._entries, self._weights, place, chances, lights, wo
+        )
         if not self._residuals:
-            return total
+            return total, densities
         faded = [
             (wi, dr.select(wo.z > 0.0, dr.clip(wi.z / self._lowest, 0.0, 1.0), 0.0))
             for wi in lights
         ]
         pairs = Pairs.around(self._light, self._view, faded, wo)
         rest = epsilons(self._residuals, *place, pairs)
-        return [colour + part for colour, part in zip(total, rest, strict=True)]
+        return [colour + part for colour, part in zip(total, rest, strict=True)], densities
 
     def shares(self, place: Place, wo: Any) -> mixture.Shares:
         """The probabilities with which lobes are sampled at a place."""
-        block, weights = place
-        return mixture.shares(self._sampled, self._specular, self._group, block, weights, wo)
-
-    def densities(
-        self, place: Place, chances: mixture.Shares, lights: Sequence[Any], wo: Any
-    ) -> list[Any]:
-        """Density of `sample` at each wi, in 1/sr."""
-        return mixture.densities(self._sampled, self._specular, place[0], chances, lights, wo)
+        return mixture.shares(self._sampled, self._specular, self._group, place, wo)
 
     def sample(self, place: Place, chances: mixture.Shares, wo: Any, u: Sequence[Any]) -> Any:
         """wi in the upper hemisphere of three numbers u in [0, 1)."""
@@ -129,35 +131,42 @@ class Material:
 
     def _build(self) -> None:
         """The tables of the present parameters."""
-        model, parameters = self.model, self.parameters
-        ends = tables.twins_in_use(model), model.horizon, model.lowest_light
-        table = tables.lobe_table(model, parameters)
-        self._lobes, self._sampled = Lobes(table, *ends), Lobes(dr.detach(table), *ends)
-        weights = self._weight_rows.of(parameters["weight"])
-        self._entries = tables.entries_of(self._merged, weights)
-        data = model.sampling_data()
-        self._specular, self._group = tables.specular_entries(self._corners, data)
+        model, parameters, data = self.model, self.parameters, self.model.sampling_data()
+        twins = tables.twins_in_use(model)
+        kinds = index_array(tables.kind_of_lobes(model)), twins
+        table, ends = tables.lobe_table(model, parameters), (model.horizon, model.lowest_light)
+        self._lobes, self._sampled = (
+            Lobes(table, *kinds, *ends),
+            Lobes(dr.detach(table), *kinds, *ends),
+        )
+        specular = tables.specular_blocks(self._corners, data)
+        self._entries, rows = tables.all_entries(self._merged, specular, len(twins))
+        self._weights = rows.of(parameters["weight"])
+        self._specular = tables.specular_entries(specular)
+        self._group = tables.group_codes(self._corners, data)
         self._residuals = self._residual_kinds()
 
-    def _residual_kinds(self) -> list[Clusters | RankResidual]:
+    def _residual_kinds(self) -> list[Residual]:
         """The residuals of the model."""
-        kinds: list[Clusters | RankResidual] = []
+        kinds: list[Residual] = []
         if self._residual_rows is not None:
             values = self._residual_rows.of(self.parameters["residual"])
             pairs = self._light.count * self._view.count
             kinds.append(Clusters(values, self._labels, pairs))
         if self.model.components is not None:
-            functions, coefficients, rank = self._component_rows
-            kinds.append(
-                RankResidual(
-                    functions.of(self.parameters["functions"]),
-                    coefficients.of(self.parameters["coefficients"]),
-                    self._corner_array,
-                    rank,
-                    tables.width_of(self.model.components),
-                )
-            )
+            kinds.append(self._rank_residual(self.model.components))
         return kinds
+
+    def _rank_residual(self, components: Components) -> RankResidual:
+        """The residual of rank R, of bytes as far as its functions are those of a file."""
+        functions = self.parameters["functions"]
+        coefficients = self._coefficient_rows.of(self.parameters["coefficients"])
+        rank, width = tables.padded_rank(components), tables.width_of(components)
+        common = coefficients, self._corner_array, rank, width
+        if is_jit() and components.code.dtype == torch.int8 and not dr.grad_enabled(functions):
+            words, scales, count = tables.byte_words(components)
+            return ByteResidual(words, *common, scales, count)
+        return RankResidual(self._function_rows.of(functions), *common)
 
 
 @torch.no_grad()

@@ -61,9 +61,11 @@ class Measured:
         """(block of texels, bilinear weights) at uv, v up."""
         return block_at(uv, self.rows, self.columns, REPEAT)
 
-    def values(self, place: tuple[Any, list[Any]], lights: Sequence[Any], wo: Any) -> list[Any]:
-        """Cosine-weighted RGB for each wi; 0 under the horizon."""
-        return [self._value(*place, wi, wo) for wi in lights]
+    def evaluated(
+        self, place: tuple[Any, list[Any]], chances: Any, lights: Sequence[Any], wo: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """(cosine-weighted RGB, density of `sample`) at each wi; 0 under the horizon."""
+        return [self._value(*place, wi, wo) for wi in lights], [cosine_pdf(wi) for wi in lights]
 
     def _value(self, block: Any, weights: Sequence[Any], wi: Any, wo: Any) -> Any:
         """RGB of a block whose texels have bilinear weights."""
@@ -92,10 +94,6 @@ class Measured:
     def sample(self, place: Any, chances: Any, wo: Any, u: Sequence[Any]) -> Any:
         """wi by the cosine, of the last two of three numbers."""
         return square_to_cosine_hemisphere(u[1:])
-
-    def densities(self, place: Any, chances: Any, lights: Sequence[Any], wo: Any) -> list[Any]:
-        """Density of `sample` at each wi."""
-        return [cosine_pdf(wi) for wi in lights]
 
     def _missing_share(self, pairs: Pairs) -> Any:
         """What measured pairs count more, where they stand in for missing neighbours."""

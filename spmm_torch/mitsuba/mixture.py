@@ -1,52 +1,25 @@
 """The mixture of lobes at a place of the texture: its value, its sampler, and its density.
 
-Lobes are entries of the blocks of 2 x 2 texels; one loop runs over those of the block that a ray
-meets [WDR11 Eq. 2, 3, 8, 9].
+Lobes are entries of the blocks of 2 x 2 texels, those of one BRDF together. A loop for each BRDF
+runs over the entries of the block that a ray meets [WDR11 Eq. 2, 3, 8, 9]: loops without branches
+are faster than one loop that chooses. Each gives values and densities, which share what is read.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..brdf import MAX_PARAMETERS
-from ..lobes.sampling import LOWEST_Z
 from ..model.sampling import CODE_MAX
-from .arrays import branch, columns, loop, one, row
+from .arrays import columns, loop, one
 from .brdf import Twin
-from .brdf.base import COS_EPS
 from .brdf.warp import cosine_pdf, square_to_cosine_hemisphere
 from .libraries import dr, mi
+from .lobe import Lobe, Lobes, density, raised
 
-# Numbers of a lobe: its frame, up to six parameters, and which of the models in use it has.
-LOBE = 16
-KAPPA, MODEL = 9, 15
-# Those that evaluation needs, and those of the normal.
-NUMBERS = (*range(KAPPA + MAX_PARAMETERS), MODEL)
-NORMAL = (6, 7, 8)
-
-
-# Numbers of one lobe by their column.
-Numbers = Mapping[int, Any]
-
-
-@dataclass(frozen=True)
-class Lobes:
-    """The lobes of a model.
-
-    Attributes:
-        table: `[J, LOBE]`.
-        twins: the models in use.
-        horizon: angle over its own horizon within which a lobe fades for views, in radians.
-        lowest: z of the lowest measured light; 0 lets none fade.
-    """
-
-    table: Any
-    twins: tuple[Twin, ...]
-    horizon: float
-    lowest: float
+# Numbers of an entry of a block: three channels of four texels.
+WEIGHTS = 12
 
 
 @dataclass(frozen=True)
@@ -54,78 +27,22 @@ class Entries:
     """Lobes of the blocks, each once.
 
     Attributes:
-        start: first entry of each block, `[T + 1]`.
+        start: first entry of each of G groups in each block, `[T * G + 1]`.
+        used: whether some block has entries of a group, `[G]`. Groups are the BRDFs in use, first
+            the entries that are not sampled and then those that are; or one, of all that are.
         lobe: lobe of each entry, `[M]`.
-        numbers: what each entry has for the four texels, `[M, 4]` or `[M, C, 4]`.
-        count: M; where it is 0, nothing is read.
+        codes: of its probability in the four texels, a byte each, `[M]`.
     """
 
     start: Any
+    used: tuple[bool, ...]
     lobe: Any
-    numbers: Any
-    count: int
+    codes: Any
 
-    def of(self, block: Any) -> tuple[Any, Any]:
-        """(first entry of a block, the one after its last)."""
-        return one(self.start, block), one(self.start, block + 1)
-
-
-def values(
-    lobes: Lobes,
-    entries: Entries,
-    block: Any,
-    weights: Sequence[Any],
-    lights: Sequence[Any],
-    wo: Any,
-) -> list[Any]:
-    """The sum over lobes in Eq. 2 [WDR11], RGB, of a block whose texels have bilinear weights.
-
-    Args:
-        lobes, entries: of the model.
-        block, weights: the place.
-        lights: one or more wi, which share what is read.
-        wo: view.
-    """
-    if not entries.count:
-        return [mi.Color3f(0.0) for _ in lights]
-    entry, end = entries.of(block)
-    sums = 3 * len(lights)
-
-    def add(entry: Any, *state: Any) -> tuple[Any, ...]:
-        total, given = state[:sums], state[sums:]
-        wo, lights, weights = given[0], given[1:-4], given[-4:]
-        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NUMBERS)
-        texels = columns(entries.numbers, entry, 12, range(12))
-        mixed = [_mixed([texels[4 * c + k] for k in range(4)], weights) for c in range(3)]
-        local_wo = _local(numbers, wo)
-        rho = [_rho(lobes, numbers, wi, local_wo) for wi in lights]
-        parts = (r * m for r in rho for m in mixed)
-        return entry + 1, *(t + p for t, p in zip(total, parts, strict=True)), *given
-
-    lit = (wo.z > 0.0) & _any([wi.z > 0.0 for wi in lights])
-    zeros = (mi.Float(0.0) for _ in range(sums))
-    start = (dr.select(lit, entry, end), *zeros, wo, *lights, *weights)
-    state = loop(start, lambda entry, *_: entry < end, add)[1 : 1 + sums]
-    colours = (mi.Color3f(*state[3 * n : 3 * n + 3]) for n in range(len(lights)))
-    return [
-        dr.select((wi.z > 0.0) & (wo.z > 0.0), colour, 0.0)
-        for wi, colour in zip(lights, colours, strict=True)
-    ]
-
-
-def _rho(lobes: Lobes, numbers: Numbers, wi: Any, local_wo: Any) -> Any:
-    """rho_j of a lobe [WDR11 Eq. 3], of wi and wo above the horizon of the texel."""
-    local_wi = _local(numbers, wi)
-    lit = (local_wi.z > 0.0) & (local_wo.z > 0.0)
-    f = _dispatched(lobes, "eval", numbers, local_wi, local_wo)
-    cosine = local_wi.z
-    if lobes.lowest > 0.0:
-        excess = dr.maximum(cosine - numbers[8] * wi.z, 0.0)
-        cosine = cosine - (1.0 - dr.minimum(wi.z / lobes.lowest, 1.0)) * excess
-    if lobes.horizon > 0.0:
-        t = dr.clip(local_wo.z / math.sin(lobes.horizon), 0.0, 1.0)
-        cosine = cosine * (t * t * (3.0 - 2.0 * t))
-    return dr.select(lit, f * cosine, 0.0)
+    def of(self, block: Any, group: int = 0) -> tuple[Any, Any]:
+        """(first entry of a group in a block, the one after its last)."""
+        first = block * len(self.used) + group
+        return one(self.start, first), one(self.start, first + 1)
 
 
 @dataclass(frozen=True)
@@ -133,7 +50,8 @@ class Shares:
     """Probabilities of a place and a view.
 
     Attributes:
-        corner: what a code of a specular entry counts for each of the four texels.
+        corner: what a code of a specular entry counts for each of the four texels; none if no
+            texel has such an entry.
         cosine: probability of the cosine lobe.
     """
 
@@ -141,134 +59,177 @@ class Shares:
     cosine: Any
 
 
+def evaluated(
+    lobes: Lobes,
+    entries: Entries,
+    numbers: Any,
+    place: tuple[Any, Sequence[Any]],
+    chances: Shares | None,
+    lights: Sequence[Any],
+    wo: Any,
+) -> tuple[list[Any], list[Any]]:
+    """The sum over lobes in Eq. 2 [WDR11], RGB, and the density of `sample` in 1/sr, of each wi.
+
+    Both are 0 where wi or wo is under the horizon of the texel.
+
+    Args:
+        lobes, entries: of the model, by BRDF.
+        numbers: weights of the entries, `[M, 3, 4]`.
+        place: a block, and the bilinear weights of its texels.
+        chances: of `sample` at this place; None for values alone.
+        lights: one or more wi.
+        wo: view.
+    """
+    totals = tuple(mi.Float(0.0) for _ in range(4 * len(lights)))
+    corner = chances.corner if chances is not None else ()
+    for group in range(len(entries.used)):
+        if entries.used[group]:
+            totals = _with_group(lobes, entries, numbers, group, totals, place, corner, lights, wo)
+    colours, densities = [], []
+    for n, wi in enumerate(lights):
+        above = (wi.z > 0.0) & (wo.z > 0.0)
+        colours.append(dr.select(above, mi.Color3f(*totals[3 * n : 3 * n + 3]), 0.0))
+        cosine = 0.0 if chances is None else chances.cosine * cosine_pdf(dr.detach(wi))
+        densities.append(dr.select(above, totals[3 * len(lights) + n] + cosine, 0.0))
+    return colours, densities
+
+
+def _with_group(
+    lobes: Lobes,
+    entries: Entries,
+    numbers: Any,
+    group: int,
+    totals: tuple[Any, ...],
+    place: tuple[Any, Sequence[Any]],
+    corner: tuple[Any, ...],
+    lights: Sequence[Any],
+    wo: Any,
+) -> tuple[Any, ...]:
+    """`totals`, RGB of each wi and then densities, with the entries of a group; see `evaluated`.
+
+    All that has gradients is part of the state of the loop, and sums are added after it: no loop
+    may add to what has gradients before it.
+    """
+    (block, weights), twin, sums = place, lobes.twins[group // 2], len(totals)
+    sampled = bool(corner) and group % 2 == 1
+
+    def add(entry: Any, *state: Any) -> tuple[Any, ...]:
+        total, wo, weights, lights = state[:sums], state[sums], state[-4:], state[sums + 1 : -4]
+        lobe = lobes.of(one(entries.lobe, entry))
+        wi, view = [lobe.local(light) for light in lights], lobe.local(wo)
+        alpha = _channels(columns(numbers, entry, WEIGHTS, range(WEIGHTS)), weights)
+        rho = [lobes.rho(twin, lobe, *each, view) for each in zip(lights, wi, strict=True)]
+        parts = [r * a for r in rho for a in alpha]
+        parts += [0.0 for _ in lights]
+        if sampled:
+            codes = one(entries.codes, entry)
+            parts[3 * len(lights) :] = _densities(twin, lobe, codes, corner, lights, wi, wo, view)
+        more = (t + part for t, part in zip(total, parts, strict=True))
+        return entry + 1, *more, wo, *lights, *weights
+
+    entry, end = entries.of(block, group)
+    lit = (wo.z > 0.0) & _any([wi.z > 0.0 for wi in lights])
+    apart = dr.grad_enabled(totals)
+    before = tuple(mi.Float(0.0) for _ in totals) if apart else totals
+    start = (dr.select(lit, entry, end), *before, wo, *lights, *weights)
+    after = loop(start, lambda entry, *_: entry < end, add)[1 : 1 + sums]
+    return tuple(t + part for t, part in zip(totals, after, strict=True)) if apart else after
+
+
+def _densities(
+    twin: Twin,
+    lobe: Lobe,
+    codes: Any,
+    corner: Sequence[Any],
+    lights: Sequence[Any],
+    wi: Sequence[Any],
+    wo: Any,
+    view: Any,
+) -> list[Any]:
+    """What a lobe adds to the density of each wi: local `wi` and `view` of `lights` and `wo`."""
+    lobe, wo, view = lobe.detached(), dr.detach(wo), raised(dr.detach(view))
+    seen = dr.select(dr.dot(lobe.normal, wo) > 0.0, codes, 0)
+    mass = _mixed(_bytes(seen), corner)
+    pairs = ((dr.detach(light), dr.detach(local)) for light, local in zip(lights, wi, strict=True))
+    return [mass * density(twin, lobe, *pair, view) for pair in pairs]
+
+
 def shares(
-    lobes: Lobes, entries: Entries, group: Any, block: Any, weights: Sequence[Any], wo: Any
+    lobes: Lobes, entries: Entries, group: Any, place: tuple[Any, Sequence[Any]], wo: Any
 ) -> Shares:
     """The probabilities of specular entries [WDR11 Eq. 9] that see the view wo.
 
     Args:
         lobes: of the model.
-        entries: specular ones with their codes, `[M, 4]`.
-        group: codes of the specular group of the texels of each block, `[T, 4]`.
-        block, weights: the place.
+        entries: specular ones.
+        group: codes of the specular group of the texels of each block, a byte each, `[T]`.
+        place: a block, and the bilinear weights of its texels.
         wo: view.
     """
-    if not entries.count:
-        return Shares((), 1.0)
-    first, end = entries.of(block)
+    if not any(entries.used):
+        return Shares((), mi.Float(1.0))
+    block, weights = place
+    entry, end = entries.of(block)
 
     def add(entry: Any, *totals: Any) -> tuple[Any, ...]:
-        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NORMAL)
-        codes = row(entries.numbers, entry, 4)
-        seen = _sees(numbers, wo)
-        return entry + 1, *(t + dr.select(seen, c, 0.0) for t, c in zip(totals, codes, strict=True))
+        codes = _seen_codes(lobes, entries, entry, wo)
+        return entry + 1, *(t + code for t, code in zip(totals, codes, strict=True))
 
-    start = (first, *(mi.Float(0.0) for _ in range(4)))
+    start = (entry, *(mi.Float(0.0) for _ in range(4)))
     totals = loop(start, lambda entry, *_: entry < end, add)[1:]
     masses = [
         dr.select(total > 0.0, weight * code * (1.0 / CODE_MAX), 0.0)
-        for total, weight, code in zip(totals, weights, row(group, block, 4), strict=True)
+        for total, weight, code in zip(totals, weights, _bytes(one(group, block)), strict=True)
     ]
     corner = tuple(m / dr.maximum(t, 1.0) for m, t in zip(masses, totals, strict=True))
     return Shares(corner, 1.0 - (masses[0] + masses[1] + masses[2] + masses[3]))
 
 
-def densities(
-    lobes: Lobes, entries: Entries, block: Any, chances: Shares, lights: Sequence[Any], wo: Any
-) -> list[Any]:
-    """Density of `sample` at each wi of `lights`, in 1/sr; 0 under the horizon of the texel."""
-    if not entries.count:
-        return [cosine_pdf(wi) for wi in lights]
-    first, end = entries.of(block)
-
-    def add(entry: Any, *total: Any) -> tuple[Any, ...]:
-        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NUMBERS)
-        mass = _mixed(row(entries.numbers, entry, 4), chances.corner)
-        mass = dr.select(_sees(numbers, wo), mass, 0.0)
-        view = _raised(_local(numbers, wo))
-        found = (_lobe_density(lobes, numbers, wi, view) for wi in lights)
-        return entry + 1, *(t + mass * f for t, f in zip(total, found, strict=True))
-
-    lit = _any([wi.z > 0.0 for wi in lights])
-    start = (dr.select(lit, first, end), *(mi.Float(0.0) for _ in lights))
-    totals = loop(start, lambda entry, *_: entry < end, add)[1:]
-    return [
-        dr.select(wi.z > 0.0, total + chances.cosine * cosine_pdf(wi), 0.0)
-        for wi, total in zip(lights, totals, strict=True)
-    ]
-
-
 def sample(
     lobes: Lobes, entries: Entries, block: Any, chances: Shares, wo: Any, u: Sequence[Any]
 ) -> Any:
-    """wi in the upper hemisphere: of one specular lobe, or of the cosine lobe."""
+    """wi in the upper hemisphere: of one specular lobe, or of the cosine lobe.
+
+    Args:
+        lobes: of the model.
+        entries: specular ones.
+        block: of texels.
+        chances: at this block and view.
+        wo: view.
+        u: three numbers in [0, 1).
+    """
     wi = square_to_cosine_hemisphere(u[1:])
-    if not entries.count:
+    if not any(entries.used):
         return wi
-    first, end = entries.of(block)
+    entry, end = entries.of(block)
 
     def passed(entry: Any, left: Any, mass: Any, found: Any) -> tuple[Any, ...]:
-        numbers = columns(lobes.table, one(entries.lobe, entry), LOBE, NORMAL)
-        mass = _mixed(row(entries.numbers, entry, 4), chances.corner)
-        mass = dr.select(_sees(numbers, wo), mass, 0.0)
+        mass = _mixed(_seen_codes(lobes, entries, entry, wo), chances.corner)
         found = left < mass
         return dr.select(found, entry, entry + 1), dr.select(found, left, left - mass), mass, found
 
-    start = (first, u[0], mi.Float(1.0), mi.Bool(False))
+    start = (entry, u[0], mi.Float(1.0), mi.Bool(False))
     go_on = lambda entry, left, mass, found: (found ^ True) & (entry < end)  # noqa: E731
     entry, left, mass, found = loop(start, go_on, passed)
     share = dr.minimum(left / mass, 1.0 - 2.0**-24)
     chosen = one(entries.lobe, dr.select(found, entry, 0))
-    numbers = columns(lobes.table, chosen, LOBE, NUMBERS)
-    drawn = _lobe_sample(lobes, numbers, wo, (share, *u[1:]))
-    return dr.select(found, drawn, wi)
+    return dr.select(found, lobes.sample(chosen, wo, (share, *u[1:])), wi)
 
 
-def _lobe_sample(lobes: Lobes, numbers: Numbers, wo: Any, u: Sequence[Any]) -> Any:
-    """wi drawn from a lobe; under the horizon of the texel it is mirrored upward."""
-    local = _dispatched(lobes, "sample", numbers, _raised(_local(numbers, wo)), tuple(u))
-    wi = mi.Vector3f(*(sum(local[k] * numbers[3 * k + c] for k in range(3)) for c in range(3)))
-    return mi.Vector3f(wi.x, wi.y, dr.maximum(dr.abs(wi.z), LOWEST_Z))
+def _seen_codes(lobes: Lobes, entries: Entries, entry: Any, wo: Any) -> list[Any]:
+    """The codes of an entry in the four texels; 0 where the lobe does not see the view wo."""
+    seen = lobes.sees(one(entries.lobe, entry), wo)
+    return _bytes(dr.select(seen, one(entries.codes, entry), 0))
 
 
-def _lobe_density(lobes: Lobes, numbers: Numbers, wi: Any, view: Any) -> Any:
-    """Density of `_lobe_sample` at wi above the horizon of the texel, of a raised view."""
-    upper = _dispatched(lobes, "pdf", numbers, _local(numbers, wi), view)
-    mirrored = _local(numbers, mi.Vector3f(wi.x, wi.y, -wi.z))
-    return upper + _dispatched(lobes, "pdf", numbers, mirrored, view)
+def _bytes(word: Any) -> list[Any]:
+    """The four bytes of a word."""
+    return [mi.Float((word >> shift) & 255) for shift in (0, 8, 16, 24)]
 
 
-def _dispatched(lobes: Lobes, function: str, numbers: Numbers, *given: Any) -> Any:
-    """A function of the BRDF that a lobe has.
-
-    Branches, of which rays of one lobe take one, are faster than calls by `drjit.switch`.
-    """
-    kappa = tuple(numbers[KAPPA + n] for n in range(MAX_PARAMETERS))
-    functions = [getattr(twin, function) for twin in lobes.twins]
-    if len(functions) == 1:
-        return functions[0](kappa, *given)
-    found = mi.Vector3f(0.0) if function == "sample" else mi.Float(0.0)
-    model = mi.UInt32(numbers[MODEL])
-    for number, chosen in enumerate(functions):
-        found = branch(model == number, chosen, found, kappa, *given)
-    return found
-
-
-def _local(numbers: Numbers, w: Any) -> Any:
-    """A direction in the frame of a lobe."""
-    return mi.Vector3f(
-        *(numbers[k] * w.x + numbers[k + 1] * w.y + numbers[k + 2] * w.z for k in (0, 3, 6))
-    )
-
-
-def _raised(w: Any) -> Any:
-    """A view in the frame of a lobe, mirrored and lifted above its horizon."""
-    return dr.normalize(mi.Vector3f(w.x, w.y, dr.maximum(dr.abs(w.z), COS_EPS)))
-
-
-def _sees(numbers: Numbers, wo: Any) -> Any:
-    """Whether wo is above the horizons of a lobe and of the texel."""
-    return (numbers[6] * wo.x + numbers[7] * wo.y + numbers[8] * wo.z > 0.0) & (wo.z > 0.0)
+def _channels(numbers: Sequence[Any], weights: Sequence[Any]) -> list[Any]:
+    """RGB of the twelve numbers of an entry, by the bilinear weights of four texels."""
+    return [_mixed(numbers[4 * c : 4 * c + 4], weights) for c in range(3)]
 
 
 def _mixed(numbers: Sequence[Any], weights: Sequence[Any]) -> Any:

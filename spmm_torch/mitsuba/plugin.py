@@ -28,20 +28,21 @@ class Reflector(Protocol):
         """What the view shows at uv of the texture, v up."""
         ...
 
-    def values(self, place: Any, lights: Sequence[Any], wo: Any) -> list[Any]:
-        """Cosine-weighted RGB for each wi; 0 where wi or wo is under the horizon."""
+    def evaluated(
+        self, place: Any, chances: Any, lights: Sequence[Any], wo: Any
+    ) -> tuple[list[Any], list[Any]]:
+        """(cosine-weighted RGB, density of `sample` in 1/sr) at each wi; 0 under the horizon.
+
+        Without chances, None, densities have no meaning.
+        """
         ...
 
     def shares(self, place: Any, wo: Any) -> Any:
-        """What `sample` and `densities` need of a view."""
+        """What `sample` and densities need of a view."""
         ...
 
     def sample(self, place: Any, chances: Any, wo: Any, u: Sequence[Any]) -> Any:
         """wi over the horizon of three numbers in [0, 1)."""
-        ...
-
-    def densities(self, place: Any, chances: Any, lights: Sequence[Any], wo: Any) -> list[Any]:
-        """Density of `sample` at each wi, in 1/sr."""
         ...
 
 
@@ -72,32 +73,30 @@ def bsdf_class(name: str, load: Callable[[Any], Reflector]) -> type[Any]:
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            return query.values([query.frame.local(wo)])[0]
+            return query.evaluated([query.frame.local(wo)])[0][0]
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            return query.densities([query.frame.local(wo)])[0]
+            return query.evaluated([query.frame.local(wo)])[1][0]
 
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            wi = [query.frame.local(wo)]
-            return query.values(wi)[0], query.densities(wi)[0]
+            (value,), (density,) = query.evaluated([query.frame.local(wo)])
+            return value, density
 
         def sample(self, ctx: Any, si: Any, first: Any, others: Any, active: Any = True) -> Any:
             query = _Query(self, ctx, si, active)
-            drawn = [query.drawn(first, others)]
-            return query.sample(drawn[0], query.values(drawn)[0], query.densities(drawn)[0])
+            drawn = query.drawn(first, others)
+            (value,), (density,) = query.evaluated([drawn])
+            return query.sample(drawn, value, density)
 
         def eval_pdf_sample(
             self, ctx: Any, si: Any, wo: Any, first: Any, others: Any, active: Any = True
         ) -> Any:
             query = _Query(self, ctx, si, active)
-            both = [query.frame.local(wo), query.drawn(first, others)]
-            (value, of_drawn), (density, density_of_drawn) = (
-                query.values(both),
-                query.densities(both),
-            )
-            return value, density, *query.sample(both[1], of_drawn, density_of_drawn)
+            drawn = query.drawn(first, others)
+            values, densities = query.evaluated([query.frame.local(wo), drawn])
+            return values[0], densities[0], *query.sample(drawn, values[1], densities[1])
 
         def traverse(self, callback: Any) -> None:
             for key, value in self.reflector.parameters.items():
@@ -132,20 +131,17 @@ class _Query:
         self.place = self.reflector.place(self.uv, self.wo)
         self._shares: Any = None
 
-    def values(self, lights: Sequence[Any]) -> list[Any]:
-        """RGB for each wi."""
-        lights = [_valid(wi) for wi in lights]
+    def evaluated(self, lights: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+        """(RGB, density of `drawn`) of each wi."""
+        lights, chances = [_valid(wi) for wi in lights], self._chances()
+        values, densities = self.reflector.evaluated(self.place, chances, lights, self.wo)
         if self.from_light:
-            found = [self._turned(wi) for wi in lights]
-        else:
-            found = self.reflector.values(self.place, lights, self.wo)
-        return self._where_lit(lights, found, mi.Color3f(0.0))
-
-    def densities(self, lights: Sequence[Any]) -> list[Any]:
-        """Density of `drawn` at each wi."""
-        lights = [_valid(dr.detach(wi)) for wi in lights]
-        found = self.reflector.densities(self.place, self._chances(), lights, dr.detach(self.wo))
-        return self._where_lit(lights, found, mi.Float(0.0))
+            values = [self._turned(wi) for wi in lights]
+        above = [self.active & (wi.z > 0.0) for wi in lights]
+        return (
+            [dr.select(*each, mi.Color3f(0.0)) for each in zip(above, values, strict=True)],
+            [dr.select(*each, mi.Float(0.0)) for each in zip(above, densities, strict=True)],
+        )
 
     def drawn(self, first: Any, others: Any) -> Any:
         """wi of the numbers of Mitsuba."""
@@ -173,13 +169,8 @@ class _Query:
     def _turned(self, wi: Any) -> Any:
         """The value of light that comes from wo and goes to wi, for tracers of light."""
         place = self.reflector.place(self.uv, wi)
-        (found,) = self.reflector.values(place, [self.wo], wi)
+        (found,), _ = self.reflector.evaluated(place, None, [self.wo], wi)
         return found * (wi.z / dr.maximum(self.wo.z, LEAST_COSINE))
-
-    def _where_lit(self, lights: Sequence[Any], found: Sequence[Any], zero: Any) -> list[Any]:
-        """What was found for each wi over the horizon, else zero."""
-        pairs = zip(lights, found, strict=True)
-        return [dr.select(self.active & (wi.z > 0.0), value, zero) for wi, value in pairs]
 
 
 def _valid(w: Any) -> Any:

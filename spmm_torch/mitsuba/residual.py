@@ -4,14 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from .arrays import loop, row
 from .hemisphere import Pairs
-from .libraries import mi
+from .libraries import dr, mi
 
 # Most components whose functions are read at once.
 WIDTH = 16
+# Signed bytes of a word, and words that are read at once.
+BYTES, WORDS = 4, 4
+# Value of the least step of a byte that stands highest in its word.
+TOP_STEP = 2.0**24
+
+
+class Residual(Protocol):
+    """A residual of one kind."""
+
+    def mixed(self, block: Any, weights: Sequence[Any]) -> tuple[Any, ...]:
+        """What `of_view` needs of a block whose texels have bilinear weights."""
+        ...
+
+    def of_view(self, view: Any, mixed: Sequence[Any]) -> Sequence[Any]:
+        """What `at` needs of a measured view."""
+        ...
+
+    def at(self, pair: Any, seen: Sequence[Any]) -> list[Any]:
+        """RGB at a measured pair of that view."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -29,12 +49,16 @@ class Clusters:
     pairs: int
 
     def mixed(self, block: Any, weights: Sequence[Any]) -> tuple[Any, ...]:
-        """What `at` needs of a block whose texels have bilinear weights."""
+        """The first pairs of the clusters of a block, and the weights of its texels."""
         return *(label * self.pairs for label in row(self.labels, block, 4)), *weights
 
-    def at(self, pair: Any, mixed: Sequence[Any]) -> list[Any]:
+    def of_view(self, view: Any, mixed: Sequence[Any]) -> Sequence[Any]:
+        """The same for all views."""
+        return mixed
+
+    def at(self, pair: Any, seen: Sequence[Any]) -> list[Any]:
         """RGB at a measured pair."""
-        texels = zip(mixed[:4], mixed[4:], strict=True)
+        texels = zip(seen[:4], seen[4:], strict=True)
         rows = [(row(self.values, first + pair, 4), weight) for first, weight in texels]
         return [sum(weight * values[c] for values, weight in rows) for c in range(3)]
 
@@ -61,27 +85,69 @@ class RankResidual:
         """The coefficients of a block whose texels have bilinear weights."""
         total = [mi.Float(0.0)] * self.rank
         for texel, weight in zip(row(self.corners, block, 4), weights, strict=True):
-            numbers = self._row(self.coefficients, texel)
+            numbers = self.numbers(self.coefficients, texel)
             total = [t + weight * n for t, n in zip(total, numbers, strict=True)]
         return tuple(total)
 
-    def at(self, pair: Any, mixed: Sequence[Any]) -> list[Any]:
-        """RGB at a measured pair."""
-        rows = (self._row(self.functions, 3 * pair + c) for c in range(3))
-        return [sum(n * m for n, m in zip(numbers, mixed, strict=True)) for numbers in rows]
+    def of_view(self, view: Any, mixed: Sequence[Any]) -> Sequence[Any]:
+        """The same for all views."""
+        return mixed
 
-    def _row(self, table: Any, index: Any) -> list[Any]:
+    def at(self, pair: Any, seen: Sequence[Any]) -> list[Any]:
+        """RGB at a measured pair."""
+        rows = (self.numbers(self.functions, 3 * pair + c) for c in range(3))
+        return [sum(n * m for n, m in zip(numbers, seen, strict=True)) for numbers in rows]
+
+    def numbers(self, table: Any, index: Any) -> list[Any]:
         """The R' numbers of a row."""
-        blocks = self.rank // self.width
-        parts = (row(table, blocks * index + n, self.width) for n in range(blocks))
-        return [number for part in parts for number in part]
+        return long_row(table, index, self.rank, self.width)
+
+
+@dataclass(frozen=True)
+class ByteResidual(RankResidual):
+    """The same where functions are signed bytes: a quarter of the memory, and of the reads.
+
+    Attributes:
+        functions: four bytes a word, `[D, W]` with W * 4 >= 3 * R', a multiple of `WORDS`.
+        scales: what the bytes of a view are multiplied by, over TOP_STEP, `[V, R']`.
+        words: W.
+    """
+
+    scales: Any
+    words: int
+
+    def of_view(self, view: Any, mixed: Sequence[Any]) -> Sequence[Any]:
+        """The coefficients times the scales of a view."""
+        scales = self.numbers(self.scales, view)
+        return [scale * number for scale, number in zip(scales, mixed, strict=True)]
+
+    def at(self, pair: Any, seen: Sequence[Any]) -> list[Any]:
+        """RGB at a measured pair."""
+        words = long_row(self.functions, pair, self.words, WORDS)
+        numbers = [number for word in words for number in _bytes(word)]
+        starts = range(0, 3 * self.rank, self.rank)
+        return [
+            sum(n * m for n, m in zip(numbers[start : start + self.rank], seen, strict=True))
+            for start in starts
+        ]
+
+
+def long_row(table: Any, index: Any, count: int, width: int) -> list[Any]:
+    """Row `index` of a table of `count` numbers a row, of which `width` are read at once."""
+    blocks = count // width
+    parts = (row(table, blocks * index + n, width) for n in range(blocks))
+    return [number for part in parts for number in part]
+
+
+def _bytes(word: Any) -> list[Any]:
+    """The four signed bytes of a word, each times TOP_STEP: this saves a shift to extend signs."""
+    top = 0xFF000000
+    raised = (word << 24, (word << 16) & top, (word << 8) & top, word & top)
+    return [mi.Float(dr.reinterpret_array(mi.Int32, each)) for each in raised]
 
 
 def epsilons(
-    kinds: Sequence[Clusters | RankResidual],
-    block: Any,
-    weights: Sequence[Any],
-    pairs: Sequence[Pairs],
+    kinds: Sequence[Residual], block: Any, weights: Sequence[Any], pairs: Sequence[Pairs]
 ) -> list[Any]:
     """The whole residual, RGB, of a block whose texels have bilinear weights.
 
@@ -92,21 +158,25 @@ def epsilons(
     """
     mixed = [kind.mixed(block, weights) for kind in kinds]
     ends = [sum(map(len, mixed[:n])) for n in range(len(kinds) + 1)]
-    sums = 3 * len(pairs)
+    sums, parts = 3 * len(pairs), Pairs.PARTS * len(pairs)
 
     def add(n: Any, *state: Any) -> tuple[Any, ...]:
-        total, given = list(state[:sums]), state[sums:]
-        for query in range(len(pairs)):
-            parts = given[Pairs.PARTS * query : Pairs.PARTS * (query + 1)]
-            pair, weight = Pairs.of_parts(parts).of(n)
-            rest = given[Pairs.PARTS * len(pairs) :]
-            for kind, first, last in zip(kinds, ends, ends[1:], strict=False):
-                for c, value in enumerate(kind.at(pair, rest[first:last])):
-                    total[3 * query + c] += weight * value
-        return n + 1, *total, *given
+        total, given, rest = list(state[:sums]), state[sums : sums + parts], state[sums + parts :]
+        near = [
+            each.with_parts(given[Pairs.PARTS * n : Pairs.PARTS * (n + 1)])
+            for n, each in enumerate(pairs)
+        ]
+        for kind, first, last in zip(kinds, ends, ends[1:], strict=False):
+            seen = kind.of_view(near[0].view[0], rest[first:last])
+            for query, each in enumerate(near):
+                for pair, weight in each.of_first_view():
+                    for c, value in enumerate(kind.at(pair, seen)):
+                        total[3 * query + c] += weight * value
+        turned = (number for each in near for number in each.turned().parts())
+        return n + 1, *total, *turned, *rest
 
     zeros = (mi.Float(0.0) for _ in range(sums))
     given = (number for each in pairs for number in each.parts())
     start = (mi.UInt32(0), *zeros, *given, *(number for part in mixed for number in part))
-    state = loop(start, lambda n, *_: n < Pairs.COUNT, add)[1 : 1 + sums]
+    state = loop(start, lambda n, *_: n < Pairs.VIEWS, add)[1 : 1 + sums]
     return [mi.Color3f(*state[3 * n : 3 * n + 3]) for n in range(len(pairs))]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -12,13 +12,14 @@ from ..brdf import MODEL_NAMES
 from ..errors import DataError
 from ..model.components import Components
 from ..model.lookup import SparseWeights, TexelBlocks
-from ..model.sampling import SamplingData
+from ..model.sampling import CODE_MAX, SamplingData
 from ..model.spmm import SPMM
 from .arrays import float_array, index_array, joined, taken
 from .brdf import TWINS, Twin
 from .libraries import dr
-from .mixture import KAPPA, LOBE, MODEL, Entries
-from .residual import WIDTH
+from .lobe import KAPPA, LOBE
+from .mixture import Entries
+from .residual import BYTES, TOP_STEP, WIDTH, WORDS
 
 # What `Rows.place` has where a row holds no number.
 NONE = -1
@@ -46,50 +47,96 @@ class Rows:
         return taken(parameter.array, self.place, self.counts)
 
 
-def blocks(
-    corners: Tensor, offset: Tensor, index: Tensor, codes: Tensor, models: Tensor
-) -> TexelBlocks:
-    """The lobes of each block of texels, those of one BRDF together, as rays of a pixel need them.
+def blocks(corners: Tensor, offset: Tensor, index: Tensor, codes: Tensor) -> TexelBlocks:
+    """The lobes of each block of texels, each once.
 
     Args:
         corners: texels of each block, `[T, 4]`.
-        offset, index, codes: entries of all texels, `[T + 1]`, `[n]` and `[n, C]`.
-        models: BRDF of each lobe, `[J]`.
+        offset, index, codes: entries of all texels, `[T + 1]`, `[n]` and `[n]`.
     """
     wanted = torch.ones_like(corners, dtype=torch.bool)
-    merged = TexelBlocks.build(corners, wanted, SparseWeights(offset.long(), index.long(), codes))
-    block = torch.repeat_interleave(merged.count)
-    order = torch.argsort(block * len(MODEL_NAMES) + models[merged.lobe], stable=True)
-    return replace(merged, lobe=merged.lobe[order], weight=merged.weight[order])
+    weights = SparseWeights(offset.long(), index.long(), codes[:, None].double())
+    return TexelBlocks.build(corners, wanted, weights)  # float64 is exact up to 2^53
 
 
-def entries_of(merged: TexelBlocks, numbers: Any) -> Entries:
-    """The entries of blocks, with a table of their numbers."""
-    start = torch.cat((merged.start, merged.start[-1:] + merged.count[-1:]))
-    lobes = merged.lobe
-    return Entries(index_array(start), index_array(lobes), numbers, len(lobes))
+@dataclass(frozen=True)
+class Merged:
+    """The lobes of each block of texels, each once.
+
+    Attributes:
+        lobe, block, kind: of each entry, `[M]`; kind is a place among `models_in_use`.
+        place: where its weights stand among those of the parameter, `[M, 3, 4]`.
+    """
+
+    lobe: Tensor
+    block: Tensor
+    kind: Tensor
+    place: Tensor
+
+    @classmethod
+    def build(cls, corners: Tensor, model: SPMM) -> Merged:
+        """The entries of a model; `corners` are the texels of each block, `[T, 4]`."""
+        entries, channels = model.weight.shape
+        merged = blocks(corners, model.offset, model.index, torch.arange(1, entries + 1))
+        entry = merged.weight[:, None, :, 0].long() - 1  # [M, 1, 4]
+        place = torch.where(entry >= 0, entry * channels + _channel(channels)[:, None], NONE)
+        block = torch.repeat_interleave(merged.count)
+        return cls(merged.lobe, block, kind_of_lobes(model)[merged.lobe], place)
+
+    def codes(self, specular: TexelBlocks) -> Tensor:
+        """The codes of entries in the four texels, `[M, 4]` long; 0 where they are not sampled."""
+        lobes = 1 + int(self.lobe.max()) if len(self.lobe) else 1
+        key, order = torch.sort(self.block * lobes + self.lobe)  # each stands once
+        sampled = torch.repeat_interleave(specular.count) * lobes + specular.lobe
+        codes = torch.zeros(len(key), 4, dtype=torch.long)
+        codes[order[torch.searchsorted(key, sampled)]] = specular.weight[..., 0].long()
+        return codes
 
 
-def weight_rows(corners: Tensor, model: SPMM) -> tuple[TexelBlocks, Rows]:
-    """(the lobes of each block, where their weights `[M, 3, 4]` stand)."""
-    count, channels = model.weight.shape
-    number = torch.arange(1, count + 1, dtype=torch.float64)[:, None]  # exact up to 2^53
-    merged = blocks(corners, model.offset, model.index, number, model.lobe_model)
-    entry = merged.weight[:, None, :, 0].long() - 1  # [M, 1, 4]
-    place = torch.where(entry >= 0, entry * channels + _channel(channels)[:, None], NONE)
-    return merged, Rows.build(place)
+def all_entries(merged: Merged, specular: TexelBlocks, kinds: int) -> tuple[Entries, Rows]:
+    """(the entries of all blocks by BRDF, those that are sampled apart; where their weights stand).
+
+    Args:
+        merged: the entries.
+        specular: those that are sampled.
+        kinds: models in use.
+    """
+    codes = merged.codes(specular)
+    groups = 2 * kinds
+    group = 2 * merged.kind + codes.any(dim=1)
+    order = torch.argsort(merged.block * groups + group, stable=True)
+    size = torch.bincount(merged.block * groups + group, minlength=specular.count.numel() * groups)
+    used = size.view(-1, groups).any(dim=0)
+    entries = Entries(
+        index_array(torch.cat((size.new_zeros(1), size.cumsum(0)))),
+        tuple(used.tolist()),
+        index_array(merged.lobe[order]),
+        _word(codes[order]),
+    )
+    return entries, Rows.build(merged.place[order])
 
 
-def specular_entries(corners: Tensor, data: SamplingData) -> tuple[Entries, Any]:
-    """(entries that are sampled, with their codes; codes of the groups of each block `[T, 4]`).
+def specular_blocks(corners: Tensor, data: SamplingData) -> TexelBlocks:
+    """The entries of each block that are sampled, with their codes as weights.
 
     Args:
         corners: texels of each block, `[T, 4]`.
         data: of the model.
     """
-    codes = data.gamma[:, None].double()
-    merged = blocks(corners, data.offset, data.index, codes, data.table.model)
-    return entries_of(merged, float_array(merged.weight)), float_array(data.group[corners])
+    return blocks(corners, data.offset, data.index, data.gamma)
+
+
+def specular_entries(specular: TexelBlocks) -> Entries:
+    """The entries that are sampled, alone."""
+    start = torch.cat((specular.start.new_zeros(1), specular.count.cumsum(0)))
+    codes = _word(specular.weight[..., 0].long())
+    used = (len(specular.lobe) > 0,)
+    return Entries(index_array(start), used, index_array(specular.lobe), codes)
+
+
+def group_codes(corners: Tensor, data: SamplingData) -> Any:
+    """Codes of the specular groups of the four texels of each block, a byte each."""
+    return _word(data.group[corners].long())
 
 
 def lobe_table(model: SPMM, parameters: dict[str, Any]) -> Any:
@@ -102,14 +149,16 @@ def lobe_table(model: SPMM, parameters: dict[str, Any]) -> Any:
     tangent = (1.0 - x * x * scale, -x * y * scale, -x)
     bitangent = (-x * y * scale, 1.0 - y * y * scale, -y)
     turned = [cosine * t + sine * b for t, b in zip(tangent, bitangent, strict=True)]
-    aside = [cosine * b - sine * t for t, b in zip(tangent, bitangent, strict=True)]
     kappa = [Rows.build(columns * each + n).of(parameters["kappa"]) for n in range(columns)]
     zero = float_array(torch.zeros(lobes))
-    table = [*turned, *aside, x, y, z, *kappa, *(zero for _ in range(LOBE - KAPPA - columns))]
-    used = models_in_use(model)
-    table[MODEL] = float_array((model.lobe_model[:, None] == used).int().argmax(dim=1))
+    table = [*turned, x, y, z, *kappa, *(zero for _ in range(LOBE - KAPPA - columns))]
     by_lobe = torch.arange(LOBE) * lobes + each[:, None]  # [J, LOBE]
     return dr.gather(type(zero), joined(table), index_array(by_lobe))
+
+
+def kind_of_lobes(model: SPMM) -> Tensor:
+    """The place of each lobe's BRDF among `models_in_use`, `[J]`."""
+    return torch.searchsorted(models_in_use(model), model.lobe_model)
 
 
 def models_in_use(model: SPMM) -> Tensor:
@@ -147,20 +196,43 @@ def width_of(components: Components) -> int:
     return min(WIDTH, 1 << max(2, (components.rank - 1).bit_length()))
 
 
-def component_rows(components: Components, texels: int) -> tuple[Rows, Rows, int]:
-    """(where functions `[D, 3, R']` stand, where coefficients `[T, R']` do, R')."""
-    rank, width = components.rank, width_of(components)
-    padded = -(-rank // width) * width
-    component = torch.arange(padded)
-    pairs, channels = components.code[0, ..., 0].numel(), components.code.shape[-1]
+def padded_rank(components: Components) -> int:
+    """Components of a row of a table: the next multiple of `width_of`."""
+    width = width_of(components)
+    return -(-components.rank // width) * width
+
+
+def function_rows(components: Components) -> Rows:
+    """Where functions `[D, 3, R']` stand among those `[R, V, L, C]` of the parameter."""
+    rank, channels = components.rank, components.code.shape[-1]
+    component = torch.arange(padded_rank(components))
+    pairs = components.code[0, ..., 0].numel()
     pair = torch.arange(pairs)[:, None, None]
     function = (component * pairs + pair) * channels + _channel(channels)[:, None]
-    coefficient = torch.arange(texels)[:, None] * rank + component
-    return (
-        Rows.build(torch.where(component < rank, function, NONE)),
-        Rows.build(torch.where(component < rank, coefficient, NONE)),
-        padded,
-    )
+    return Rows.build(torch.where(component < rank, function, NONE))
+
+
+def coefficient_rows(components: Components, texels: int) -> Rows:
+    """Where coefficients `[T, R']` stand among those `[T, R]` of the parameter."""
+    component = torch.arange(padded_rank(components))
+    coefficient = torch.arange(texels)[:, None] * components.rank + component
+    return Rows.build(torch.where(component < components.rank, coefficient, NONE))
+
+
+def byte_words(components: Components) -> tuple[Any, Any, int]:
+    """(functions `[D, W]` of signed bytes, four a word; scales `[V, R']` over TOP_STEP; W)."""
+    pad = (0, padded_rank(components) - components.rank)
+    code = components.code[..., _channel(components.code.shape[-1])]  # [R, V, L, 3]
+    rows = torch.nn.functional.pad(code.flatten(1, 2).permute(1, 2, 0), pad).flatten(1)
+    rows = torch.nn.functional.pad(rows, (0, -rows.shape[1] % (BYTES * WORDS)))
+    words = rows.cpu().numpy().astype("<i1").view("<u4")  # the first byte lowest
+    scales = torch.nn.functional.pad(components.scale.T, pad) / TOP_STEP
+    return index_array(words), float_array(scales), words.shape[1]
+
+
+def _word(codes: Tensor) -> Any:
+    """Four bytes `[n, 4]` as words `[n]`, the first one lowest."""
+    return index_array((codes.clamp(max=CODE_MAX) << torch.tensor((0, 8, 16, 24))).sum(dim=1))
 
 
 def _channel(channels: int) -> Tensor:

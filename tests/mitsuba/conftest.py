@@ -10,6 +10,8 @@ import pytest
 from spmm_torch.config.synthesis import FAST, PLAIN
 from spmm_torch.synthesize.variant import works
 
+CUDA = "cuda_ad_rgb"
+
 
 def _registered(variant: str) -> Any:
     mitsuba = pytest.importorskip("mitsuba", reason="needs the extra mitsuba")
@@ -26,6 +28,14 @@ def mi() -> Any:
     if not works(FAST):
         pytest.skip(f"needs the variant {FAST}, and so a libLLVM of 19 or newer")
     return _registered(FAST)
+
+
+@pytest.fixture
+def cuda() -> Iterator[Any]:
+    """Mitsuba on a GPU."""
+    if not works(CUDA):
+        pytest.skip(f"needs the variant {CUDA}, and so a driver with OptiX")
+    yield _registered(CUDA)
 
 
 @pytest.fixture

@@ -44,7 +44,7 @@ def test_values_are_those_of_the_material(
     reflector = measured.Measured(btf)
     uv, wi, wo = random_queries(QUERIES)
     place = reflector.place(mi.Point2f(*uv.T.contiguous().numpy()), None)
-    found = reflector.values(place, [vectors(mi, wi)], vectors(mi, wo))[0]
+    (found,), _ = reflector.evaluated(place, None, [vectors(mi, wi)], vectors(mi, wo))
     expected = BTFMaterial.build(btf)(uv, wi, wo)
     tolerance = 5e-4 if halves else 1e-5
     torch.testing.assert_close(values(found), expected, rtol=tolerance, atol=tolerance)

@@ -40,13 +40,29 @@ def textured(mi: Any, run: Path) -> dict[str, Any]:
     return {"type": "spmm", "filename": str(run), "to_uv": as_on_our_sphere(mi)}
 
 
-def test_the_picture_is_that_of_our_renderer(mi: Any, tmp_path: Path) -> None:
-    model = with_relief(with_components(planted_model(size=8, residual=0.02), beside=True))
+@pytest.mark.parametrize(
+    ("size", "samples", "texels"),
+    [(24, 1024, 8), pytest.param(64, 1024, 32, marks=pytest.mark.slow)],
+)
+def test_the_picture_is_that_of_our_renderer(
+    size: int, samples: int, texels: int, mi: Any, tmp_path: Path
+) -> None:
+    hold(mi, size, samples, texels, tmp_path)
+
+
+@pytest.mark.gpu(simulated=False)
+def test_the_picture_of_a_gpu_is_that_of_our_renderer(cuda: Any, tmp_path: Path) -> None:
+    hold(cuda, 64, 1024, 32, tmp_path)
+
+
+def hold(mi: Any, size: int, samples: int, texels: int, tmp_path: Path) -> None:
+    """Holds a picture of Mitsuba to ours."""
+    model = with_relief(with_components(planted_model(size=texels, residual=0.02), beside=True))
     run = model_folder(tmp_path / "run", model)
-    scene = sphere_scene(mi, textured(mi, run), {"sun": sun(SUN)}, 24)
-    found = np.array(mi.render(scene, spp=1024, seed=0))
+    scene = sphere_scene(mi, textured(mi, run), {"sun": sun(SUN)}, size)
+    found = np.array(mi.render(scene, spp=samples, seed=0))
     ours = Scene(Sphere(Texture()), Camera.orthographic(), (DirectionalLight.build(SUN),))
-    expected = render(model, ours, RenderSettings(size=24, samples=1024)).picture.numpy()
+    expected = render(model, ours, RenderSettings(size=size, samples=samples)).picture.numpy()
     error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
     assert error < 0.01  # noise within pixels is most of it
 
@@ -104,7 +120,7 @@ def test_gradients_are_those_of_torch(name: str, mi: Any) -> None:
     material.update()
     up = mi.Point2f(*uv.T.contiguous().numpy())
     light, view = vectors(mi, wi), vectors(mi, wo)
-    found = material.values(material.place(up, view), [light], view)[0]
+    (found,), _ = material.evaluated(material.place(up, view), None, [light], view)
     drjit.backward(drjit.sum(drjit.sum(found)))
     owner = {"residual": model.residual, "coefficients": model.components}.get(name)
     if owner is None:

@@ -60,7 +60,17 @@ SLOW = ("lobes alone", "relief")
     ],
 )
 def test_values_and_densities_are_those_of_torch(build: Any, mi: Any, tmp_path: Path) -> None:
-    model = build()
+    hold(mi, build(), tmp_path)
+
+
+@pytest.mark.gpu(simulated=False)
+@pytest.mark.parametrize("build", [pytest.param(build, id=name) for name, build in MODELS.items()])
+def test_values_on_a_gpu_are_those_of_torch(build: Any, cuda: Any, tmp_path: Path) -> None:
+    hold(cuda, build(), tmp_path)
+
+
+def hold(mi: Any, model: SPMM, tmp_path: Path) -> None:
+    """Holds values and densities of the plug-in to those of torch."""
     run = model_folder(tmp_path / "run", model)
     bsdf = mi.load_dict({"type": "spmm", "filename": str(run)})
     uv, wi, wo = random_queries(QUERIES)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from tests.benchmarks.on_gpu import fits, uses
+from tests.benchmarks.on_gpu import fits, plugin, uses
 from tests.benchmarks.on_gpu.measuring import measured
 from tests.benchmarks.on_gpu.needs import TESTING, absent
 from tests.benchmarks.on_gpu.rows import Put, Row
@@ -79,5 +79,6 @@ PARTS: dict[str, Callable[[str, Sizes, Put], None]] = {
     "rendering": uses.rendering,
     "sampling": uses.sampling,
     "training": uses.training,
+    "mitsuba": plugin.pictures,
     "tests": tests,
 }

@@ -8,8 +8,8 @@ async function opened() {
   if (!gl.getExtension("EXT_color_buffer_float") && !gl.getExtension("EXT_color_buffer_half_float")) {
     throw new Error("This graphics card cannot draw into float pictures.");
   }
-  const model = parsedTensors(await inflated(document.getElementById("model").textContent.trim()));
-  const facts = JSON.parse(document.getElementById("facts").textContent);
+  const model = parsedTensors(await inflated("model"));
+  const facts = window.texts.facts;
   facts.specular = model.tensors["page.specular"].array;
   return { gl, scene: uploaded(gl, model, facts) };
 }

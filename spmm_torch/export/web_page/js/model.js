@@ -5,12 +5,6 @@ const ARRAYS = {
   F16: Uint16Array, F32: Float32Array,  // halves stay as they are stored
 };
 
-async function inflated(text) {
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Response(stream).arrayBuffer();
-}
-
 /** {tensors: {name: {array, shape, type}}, metadata} of a safetensors file. */
 function parsedTensors(buffer) {
   const start = 8 + Number(new DataView(buffer).getBigUint64(0, true));

@@ -1,6 +1,6 @@
 // Programs of the graphics card: the shaders of the page, their uniforms and samplers.
 
-const shaderText = (name) => document.getElementById(name).textContent.trim();
+const shaderText = (name) => window.texts.shaders[name].trim();
 const HEADER = "#version 300 es\nprecision highp float;\nprecision highp int;\n"
   + "precision highp sampler2D;\nprecision highp usampler2D;\n";
 // Fragment shaders that evaluate the model, and how many lights each of them has.
