@@ -7,6 +7,7 @@ import inspect
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from spmm_torch.runtime.lasting import lasting_errors
 
 from .parser import Parser, print_lines
 
+# What Pillow warns of, sizes of pictures, is checked where these are read.
+PILLOW_WARNING = "Image size .* could be decompression bomb"
 # Exit codes: of bad input, and of a command that Ctrl-C has ended, as shells give it.
 BAD_INPUT, STOPPED = 2, 130
 # Threads of torch that wait for work give way to other programs, in place of spinning; they are
@@ -83,6 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
         os.environ.update(
             {name: value for name, value in PASSIVE.items() if name not in os.environ}
         )
+    warnings.filterwarnings("ignore", message=PILLOW_WARNING)
     given = sys.argv[1:] if arguments is None else arguments
     with lasting_errors(), interruptible() as interrupted:
         stopped = Command.stopped

@@ -21,6 +21,7 @@ from ..errors import DataError
 from .btf import BTF
 from .cache import entry_key, file_hash
 from .codecs import DECODE_ERRORS, Codec, codec_of
+from .codecs.base import refuse_foreign
 from .directions import checked_directions
 from .named_pictures import EXPECTED, find_grid, left_out_notes, list_pictures
 from .options import DEFAULT_OPTIONS, ReadOptions
@@ -275,6 +276,7 @@ class PictureSet:
 def _codes(codec: Codec, payload: bytes) -> np.ndarray:
     """Codes `[H, W, B]` of a picture; a ValueError if it is of another codec."""
     if not codec.accepts(payload):
+        refuse_foreign(payload)
         raise ValueError(f"it is not stored like the first one, as {codec.TITLE}")
     return codec.decode(payload)
 

@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 
 from ..errors import DataError
 from ..runtime.atomic import readable
+from .codecs.base import UnsuitableError
 from .folder_files import folder_files, is_hidden
 from .inner_zip import inner_member, unpacked
 
@@ -89,6 +90,8 @@ class Archive:
 
 def unreadable(path: Path, name: str, error: Exception) -> DataError:
     """The error for a picture that cannot be read or decoded."""
+    if isinstance(error, UnsuitableError):
+        return DataError(f"picture {name!r} in {path} cannot be used: {error}.")
     return DataError(
         f"picture {name!r} in {path} cannot be read ({error}); expected a complete picture; "
         f"restore this file from the original data set."

@@ -14,6 +14,7 @@ from typing import Any, Protocol, cast
 from ..config.fit import DataConfig
 from ..errors import ConfigError, DataError, alternatives
 from ..runtime.device import plain_torch
+from ..runtime.foreign import foreign_file
 from . import picture_set
 from .btf import BTF
 from .codecs import SUFFIXES
@@ -31,8 +32,11 @@ NAMES = (
     "rti",
 )
 SAMPLE_NAME = "WEAVE40.zip"
-# Suffixes of files that are a BTF by themselves, and that a zip may hold.
-PACKED = (".zip", ".btf", ".npz")
+# Suffixes of files that are a BTF by themselves or hold one, and that a zip or folder may hold.
+PACKED = (
+    *(".zip", ".btf", ".npz", ".7z", ".rar"),
+    *(".tar", ".tgz", ".tbz2", ".txz", ".gz", ".bz2", ".xz", ".zst"),
+)
 
 
 class Reader(Protocol):
@@ -218,11 +222,15 @@ def _complaint(path: Path) -> str:
         return "is an empty folder" if not any(path.iterdir()) else "holds no BTF pictures"
     if zipfile.is_zipfile(path):
         return "is a zip without BTF pictures"
+    if kind := foreign_file(path):
+        return f"is {kind.what}"
     return "is neither a complete zip nor a folder, nor a file of another known format"
 
 
 def _remedy(path: Path) -> str:
     """What to do about a path that no reader accepts."""
+    if kind := foreign_file(path):
+        return kind.remedy
     files = list_files(path) if is_container(path) else []
     if packed := [name for name in files if name.lower().endswith(PACKED)]:
         return f"unpack {packed[0]!r} and give that"

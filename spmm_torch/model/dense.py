@@ -7,10 +7,10 @@ compiled, exported and transformed by `torch.func`. Run as it stands it takes lo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import torch
 from torch import Tensor
@@ -28,6 +28,8 @@ from .residual import Residual
 
 if TYPE_CHECKING:
     from .spmm import SPMM
+
+Function = TypeVar("Function", bound=Callable[..., object])
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,16 @@ class DenseTables:
 def traced() -> bool:
     """Whether torch records or transforms what is computed: compile, export, vmap, grad, jvp."""
     return torch.compiler.is_compiling() or maybe_current_level() is not None
+
+
+def taken_as_constant(function: Function) -> Function:
+    """Marks a function that torch shall run, and not follow, where it compiles.
+
+    It is `torch.compiler.assume_constant_result`, which loads the whole compiler for that: as much
+    time and memory as all else that a command imports.
+    """
+    function.__dict__["_dynamo_marked_constant"] = True
+    return function
 
 
 @contextmanager

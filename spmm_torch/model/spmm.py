@@ -335,7 +335,7 @@ class SPMM(nn.Module):
         assert self._dense is not None
         return self._dense[1]
 
-    @torch.compiler.assume_constant_result
+    @dense.taken_as_constant
     def _keep_tables(self) -> None:
         """Makes `padded_tables` if there are none yet, or the entries are others; never traced."""
         state = tuple((part.data_ptr(), changes(part)) for part in self._structure)

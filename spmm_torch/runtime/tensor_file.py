@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..errors import OutputError
 from .atomic import is_text
+from .foreign import foreign_file
 
 FORMAT = "spmm_torch"
 # Versions that are read. A file has the first, which all programs know, unless it needs another.
@@ -71,6 +72,10 @@ def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor]
     try:
         tensors, metadata = _opened(path, device)
     except (safetensors.SafetensorError, OSError, ValueError) as error:
+        if kind := foreign_file(path):
+            raise OutputError(
+                f"{path} is {kind.what}; expected the model itself; {kind.remedy}."
+            ) from error
         raise OutputError(
             f"{path} is damaged or no model ({error}); fit it again with spmm fit."
         ) from error

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
+import tarfile
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +45,21 @@ def half_a_zip(path: Path) -> None:
     path.write_bytes(sample_path().read_bytes()[:100_000])
 
 
+def held(content: bytes) -> Callable[[Path], int]:
+    """What makes a file of some content."""
+    return lambda path: path.write_bytes(content)
+
+
+def tar(path: Path) -> None:
+    with tarfile.open(path, "w") as archive:
+        archive.add(__file__, "notes.txt")
+
+
+def folder_of_an_archive(path: Path) -> None:
+    path.mkdir()
+    (path / "a.tar.gz").write_bytes(gzip.compress(b"tar"))
+
+
 def nothing(path: Path) -> None:
     assert not path.exists()
 
@@ -54,6 +74,16 @@ def nothing(path: Path) -> None:
         (half_a_zip, "is neither a complete zip nor a folder"),
         (foreign_zip, "is a zip without BTF pictures"),
         (empty_zip, "is a zip without BTF pictures"),
+        (held(b"7z\xbc\xaf\x27\x1c"), "is a 7z archive; expected .*; unpack it by `7z x`"),
+        (held(b"Rar!\x1a\x07\1\0"), "is a RAR archive; expected .*; unpack it by `unrar x`"),
+        (held(gzip.compress(b"tar")), "compressed by gzip; expected .*; unpack it by `tar -xf`"),
+        (held(lzma.compress(b"tar")), "is compressed by xz"),
+        (held(bz2.compress(b"tar")), "is compressed by bzip2"),
+        (held(b"\x28\xb5\x2f\xfd"), "is compressed by zstd"),
+        (tar, "is a tar archive; expected .*; unpack it by `tar -xf` and give the folder"),
+        (folder_of_an_archive, "holds no BTF pictures; expected .*; unpack 'a.tar.gz' and give"),
+        (held(b"version https://git-lfs.github.com/spec/v1\n"), "is a pointer of Git LFS"),
+        (held(b"\n<!DOCTYPE html><html>"), "is a web page, .*; download the file again"),
     ],
 )
 def test_no_reader(tmp_path: Path, make: object, message: str) -> None:

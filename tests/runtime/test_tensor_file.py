@@ -78,6 +78,7 @@ def bad_files() -> dict[str, tuple[bytes, str]]:
         "of torch": (other, "is no spmm_torch model"),
         "newer": (newer, "has version 99; this program reads versions 1 and 2"),
         "no version": (bare, "has version None"),
+        "pointer": (b"version https://git-lfs.github.com/spec/v1\n", "is a pointer of Git LFS"),
     }
 
 

@@ -16,13 +16,14 @@ from PIL import Image
 from torch import Tensor
 
 from ..codes import Expansion
-from .base import Codec
+from .base import Codec, UnsuitableError
 
 __all__ = [
     "CODECS",
     "DECODE_ERRORS",
     "SUFFIXES",
     "Codec",
+    "UnsuitableError",
     "codec_of",
     "is_linear",
     "read_picture",

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .base import UnsuitableError
+
 # The tag of TIFF and EXIF that says how a picture was held; 1 is upright.
 ORIENTATION_TAG = 0x0112
 # What makes a picture `[H, W, B]` upright, by that tag.
@@ -38,10 +40,12 @@ def rgb_of(codes: np.ndarray, ignore_alpha: bool = False) -> np.ndarray:
     """
     width = codes.shape[2]
     if not 1 <= width <= 4:
-        raise ValueError(f"it has {width} channels; expected grey or RGB, with or without alpha")
+        raise UnsuitableError(
+            f"it has {width} channels; expected grey or RGB, with or without alpha: convert it"
+        )
     if width in (2, 4) and not ignore_alpha:
         opaque = np.iinfo(codes.dtype).max if codes.dtype.kind == "u" else 1.0
         if not (codes[..., -1] == opaque).all():
-            raise ValueError("it is transparent in places; flatten it onto what is behind it")
+            raise UnsuitableError("it is transparent in places; flatten it onto what is behind it")
     colour = codes[..., :3] if width >= 3 else np.repeat(codes[..., :1], 3, axis=2)
     return np.ascontiguousarray(colour)

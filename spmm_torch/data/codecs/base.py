@@ -7,7 +7,22 @@ from typing import Protocol
 
 import numpy as np
 
+from ...runtime.foreign import foreign_kind
 from ..codes import Expansion
+
+
+class UnsuitableError(ValueError):
+    """A complete picture is none that can be read; the text says what to do about it."""
+
+
+def refuse_foreign(payload: bytes) -> None:
+    """Refuses a file that is there in place of a picture.
+
+    Raises:
+        UnsuitableError: it is an archive, a pointer or a web page.
+    """
+    if kind := foreign_kind(payload):
+        raise UnsuitableError(f"it is {kind.what}; expected the picture itself: {kind.remedy}")
 
 
 class Codec(Protocol):

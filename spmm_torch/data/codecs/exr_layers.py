@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from .base import UnsuitableError
+
 RGB, XYZ, GREY = ("R", "G", "B"), ("X", "Y", "Z"), ("Y",)
 # What else must not be there: chroma of subsampled colour, or the other axis of a direction.
 NOT_BESIDE_GREY = ("RY", "BY", "X")
@@ -91,4 +93,6 @@ def _chosen(layers: Sequence[Layer]) -> Layer:
         if len(candidates) == 1:
             return candidates[0]
     names = ", ".join(sorted(layer.name or "bare channels" for layer in layers))
-    raise ValueError(f"its layers {names} all hold a colour; expected one: save that layer alone")
+    raise UnsuitableError(
+        f"its layers {names} all hold a colour; expected one: save that layer alone"
+    )

@@ -1,8 +1,9 @@
 """OpenEXR pictures (.exr): half or single floats, kept bit for bit.
 
-`exr_layers.py` finds the channels of the colour. X, Y and Z become linear sRGB, Y alone is grey;
-other channels are ignored, and so is what the display window has beyond the pixels. The OpenEXR
-library reads and writes in memory.
+`exr_layers.py` finds the channels of the colour. X, Y and Z become linear sRGB, and so do R, G and
+B whose header names other chromaticities, as those of ACES and Rec.2020; Y alone is grey. Other
+channels are ignored, and so is what the display window has beyond the pixels. The OpenEXR library
+reads and writes in memory.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..codes import Expansion, FloatExpansion
-from .exr_layers import Layer, find_layer
+from .base import UnsuitableError
+from .chromaticities import REC709, are_rec709, rec709_of_rgb, xyz_of_rgb
+from .exr_layers import RGB, Layer, find_layer
 
 if TYPE_CHECKING:
     import OpenEXR
@@ -27,10 +30,7 @@ MAX_PIXELS = 1 << 28
 # The library allocates memory by the header, before it reads pixels. Deflate expands a byte to at
 # most 1032 bytes, and a wavelet of a uniform picture expands it hardly more.
 MAX_PIXELS_PER_BYTE = 1 << 12
-# From XYZ, of which the white D65 has Y = 1, to linear sRGB [IEC 61966-2-1].
-SRGB_OF_XYZ = np.array(
-    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
-)
+CHROMATICITIES = "chromaticities"  # in the header; without them they are those of Rec.709
 
 
 def accepts(head: bytes) -> bool:
@@ -55,11 +55,12 @@ def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
             several of them.
     """
     layer, size = _read_header(payload)
-    channels = _open(payload, separate_channels=True).parts[layer.part].channels
-    planes = [_plane(channels[name], name, size) for name in layer.channels]
+    part = _open(payload, separate_channels=True).parts[layer.part]
+    planes = [_plane(part.channels[name], name, size) for name in layer.channels]
     # Planes of float16 and float32 are stacked to float32.
     picture = np.stack(planes if len(planes) == 3 else planes * 3, axis=-1)
-    return _srgb_of_xyz(picture) if layer.is_xyz else picture
+    matrix = _to_rec709(layer, part.header)
+    return picture if matrix is None else _mixed(picture, matrix)
 
 
 def corner(payload: bytes) -> tuple[int, int]:
@@ -132,17 +133,34 @@ def _checked_size(header: dict[str, Any], byte_count: int) -> tuple[int, int]:
     return height, width
 
 
-def _srgb_of_xyz(picture: np.ndarray) -> np.ndarray:
-    """Linear sRGB `[H, W, 3]` of XYZ, in the same type; colours beyond sRGB become negative."""
-    rgb = picture.astype(np.float64) @ SRGB_OF_XYZ.T
-    return rgb.astype(picture.dtype)
+def _to_rec709(layer: Layer, header: dict[str, Any]) -> np.ndarray | None:
+    """The matrix `[3, 3]` to linear RGB of Rec.709, which is that of sRGB; None if it is that."""
+    if layer.is_xyz:
+        return np.linalg.inv(xyz_of_rgb(REC709))
+    named = header.get(CHROMATICITIES)
+    if named is None or len(layer.channels) < len(RGB) or are_rec709(named):
+        return None
+    return rec709_of_rgb(named)
+
+
+def _mixed(picture: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """Channels `[H, W, 3]` by a matrix, in the same type unless its range is too small.
+
+    Colours beyond those of Rec.709 become negative.
+    """
+    rgb = picture.astype(np.float64) @ matrix.T
+    fits = np.abs(rgb[np.isfinite(rgb)]).max(initial=0.0) <= np.finfo(picture.dtype).max
+    return rgb.astype(picture.dtype if fits else np.float32)
 
 
 def _plane(channel: OpenEXR.Channel, name: str, size: tuple[int, int]) -> np.ndarray:
     """The pixels `[H, W]` of one channel."""
     pixels = channel.pixels
     if not isinstance(pixels, np.ndarray) or pixels.dtype not in FLOAT_TYPES:
-        raise ValueError(f"its channel {name} holds no floats; expected HALF or FLOAT")
+        raise UnsuitableError(
+            f"its channel {name} holds whole numbers (UINT), whose white is not known; expected "
+            f"HALF or FLOAT: convert it"
+        )
     if pixels.shape != size:
         raise ValueError(f"its channel {name} is {pixels.shape}; expected {size}")
     return pixels

@@ -13,6 +13,7 @@ from PIL import Image
 
 from ..codes import DepthExpansion, Expansion
 from .arrangement import ORIENTATION_TAG, rgb_of, upright
+from .base import UnsuitableError, refuse_foreign
 from .netpbm import decode_deep, is_deep
 
 TITLE = "JPEG, PNG"
@@ -93,21 +94,27 @@ def _opened(payload: bytes, formats: tuple[str, ...]) -> Image.Image:
     """The picture, whose pixels are not decoded yet."""
     try:
         image = Image.open(io.BytesIO(payload), formats=formats)
+    except Image.DecompressionBombError as error:
+        raise UnsuitableError(
+            f"it has more pixels than Pillow opens, {2 * (Image.MAX_IMAGE_PIXELS or 0):,}; "
+            f"expected the picture of a texture, of some millions: scale it down, or cut it"
+        ) from error
     except Image.UnidentifiedImageError:
+        refuse_foreign(payload)
         raise ValueError(f"cannot identify its format; expected {', '.join(formats)}") from None
     if image.width * image.height > MAX_PIXELS_PER_BYTE * len(payload):
         raise ValueError(
             f"{image.width} x {image.height} pixels cannot come from {len(payload)} bytes"
         )
     if image.format in ANIMATED and getattr(image, "n_frames", 1) > 1:
-        raise ValueError("it holds several pictures; expected one: save the right one alone")
+        raise UnsuitableError("it holds several pictures; expected one: save the right one alone")
     return image
 
 
 def _eight_bits(image: Image.Image, ignore_alpha: bool) -> np.ndarray:
     """Codes `[H, W, 3]` uint8 of a picture."""
     if image.mode not in MODES:
-        raise ValueError(f"mode {image.mode} instead of RGB or grey: convert it to RGB")
+        raise UnsuitableError(f"mode {image.mode} instead of RGB or grey: convert it to RGB")
     image.load()  # raises here if the file is truncated
     if image.mode == "RGB" and "transparency" not in image.info:
         return np.asarray(image)
@@ -119,7 +126,7 @@ def _eight_bits(image: Image.Image, ignore_alpha: bool) -> np.ndarray:
 def _decode_deep_png(image: Image.Image, payload: bytes) -> np.ndarray:
     """Codes `[H, W, B]` uint16 of a PNG of 16 bits."""
     if "transparency" in image.info:
-        raise ValueError("one of its colours is transparent; save it without transparency")
+        raise UnsuitableError("one of its colours is transparent; save it without transparency")
     import imagecodecs  # needed by few, and slow to load
 
     try:

@@ -3,7 +3,8 @@
 A code (r, g, b, e) stands for (r, g, b) * 2^(e - 136), and for black where e = 0. Radiance itself
 adds 1/2 to each mantissa. This module does not, so that zero stays zero, as in OpenCV, FreeImage
 and stb. Values are divided by the `EXPOSURE` and `COLORCORR` lines, as the format demands: exactly
-for powers of two, else rounded to the nearest code.
+for powers of two, else rounded to the nearest code. `PRIMARIES` must be those of Rec.709, or those
+that Radiance assumes without the line, which programs read alike.
 
 Source: `filefmts.pdf` of Radiance; `scanlines.py` has the run-length encodings.
 """
@@ -19,6 +20,8 @@ import torch
 from torch import Tensor
 
 from ..codes import Expansion, TableExpansion
+from .base import UnsuitableError
+from .chromaticities import ROUNDING, are_rec709
 from .scanlines import decode_scanlines, encode_scanlines
 
 TITLE = "Radiance"
@@ -31,6 +34,9 @@ MAX_HEADER_LINES = 1000
 MAX_LINE_BYTES = 1 << 16
 MAX_PIXELS = 1 << 28
 NO_SCALE = (1.0, 1.0, 1.0)
+# Primaries that Radiance assumes, and what Photoshop writes for unknown ones.
+RADIANCE_PRIMARIES = (0.64, 0.33, 0.29, 0.60, 0.15, 0.06, 1 / 3, 1 / 3)
+UNKNOWN_PRIMARIES = (0.0,) * 8
 MAX_SCALE = 1e30  # scaled values still fit into float32
 RESOLUTION = re.compile(r"([-+])([XY]) +(\d{1,9}) +([-+])([XY]) +(\d{1,9})")
 
@@ -155,7 +161,11 @@ def _read_header(payload: bytes) -> Header:
         line, offset = _read_line(payload, offset)
         key, _, value = (part.strip() for part in line.partition("="))
         if key == "FORMAT" and value != ENCODING:
-            raise ValueError(f"its pixels are {value!r}; expected {ENCODING}: convert it to RGB")
+            raise UnsuitableError(
+                f"its pixels are {value!r}; expected {ENCODING}: convert it to RGB"
+            )
+        if key == "PRIMARIES":
+            _check_primaries(value)
         if key in ("EXPOSURE", "COLORCORR"):
             factors = _read_factors(key, value)
             scale = tuple(a * b for a, b in zip(scale, factors, strict=True))
@@ -185,6 +195,20 @@ def _read_factors(key: str, value: str) -> list[float]:
     if len(factors) != 3:
         raise ValueError(f"its header line is '{key}={value}'")
     return factors
+
+
+def _check_primaries(value: str) -> None:
+    """Refuses primaries whose colours are others than those that are read."""
+    place = [float(word) for word in value.split()]
+    known = any(
+        len(place) == len(one) and np.allclose(place, one, rtol=0.0, atol=ROUNDING)
+        for one in (RADIANCE_PRIMARIES, UNKNOWN_PRIMARIES)
+    )
+    if not known and (len(place) != len(RADIANCE_PRIMARIES) or not are_rec709(place)):
+        raise UnsuitableError(
+            f"its header line is 'PRIMARIES={value}'; expected those of Rec.709: convert it, for "
+            f"instance by ra_xyze -r -p 0.64 0.33 0.30 0.60 0.15 0.06 0.3127 0.3290"
+        )
 
 
 def _read_resolution(line: str) -> tuple[int, int, bool, bool]:

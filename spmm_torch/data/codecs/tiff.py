@@ -14,6 +14,7 @@ import numpy as np
 
 from ..codes import DepthExpansion, Expansion
 from .arrangement import ORIENTATION_TAG, rgb_of, upright
+from .base import UnsuitableError
 from .pillow import MAX_PIXELS_PER_BYTE, decode_as
 
 if TYPE_CHECKING:
@@ -73,7 +74,9 @@ def _only_page(file: TiffFile) -> TiffPage:
     pages = [page.aspage() for page in file.pages]
     whole = [page for page in pages if not page.subfiletype & (COPY | MASK)]
     if len(whole) != 1:
-        raise ValueError(f"it holds {len(whole)} pictures; expected one: save the right one alone")
+        raise UnsuitableError(
+            f"it holds {len(whole)} pictures; expected one: save the right one alone"
+        )
     return whole[0]
 
 
@@ -94,15 +97,17 @@ def _deep_codes(page: TiffPage) -> np.ndarray:
     kind = int(page.photometric)
     if kind not in COLOUR_CHANNELS or page.imagedepth != 1:
         name = getattr(page.photometric, "name", kind)
-        raise ValueError(f"its colours are {name}; expected grey or RGB: convert it")
+        raise UnsuitableError(f"its colours are {name}; expected grey or RGB: convert it")
     dtype = page.dtype
     if dtype is None or dtype.kind not in "uf" or (dtype.kind == "u" and dtype.itemsize != 2):
-        raise ValueError(
+        raise UnsuitableError(
             f"it holds {page.bitspersample}-bit {dtype} numbers, whose white is not known; "
             f"expected 8 or 16 bits, or floats: convert it"
         )
     if dtype.kind == "f" and kind == WHITE_IS_ZERO:
-        raise ValueError("it holds floats of which 0 is white; expected 0 as black: convert it")
+        raise UnsuitableError(
+            "it holds floats of which 0 is white; expected 0 as black: convert it"
+        )
     codes = _pixels(page)
     if dtype.kind == "u":
         codes = _full_scale(codes, page.bitspersample)
@@ -132,5 +137,5 @@ def _without_others(codes: np.ndarray, colours: int, extra: tuple[int, ...]) -> 
     if codes.shape[2] == colours + 1 and tuple(extra) == (UNSPECIFIED,):
         return codes[..., :colours]
     if codes.shape[2] > colours + 1:
-        raise ValueError(f"it has {codes.shape[2]} channels; expected grey or RGB: convert it")
+        raise UnsuitableError(f"it has {codes.shape[2]} channels; expected grey or RGB: convert it")
     return codes

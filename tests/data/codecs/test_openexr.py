@@ -135,12 +135,52 @@ def test_of_several_colours_none_is_guessed() -> None:
 def test_xyz_becomes_linear_srgb() -> None:
     rgb = np.random.default_rng(4).random((4, 5, 3))
     xyz = rgb2xyz(np.where(rgb <= 0.0031308, rgb * 12.92, 1.055 * rgb ** (1 / 2.4) - 0.055))
-    for dtype, error in ((np.float32, 3e-4), (np.float16, 3e-3)):
+    # scikit-image has another last digit of the white.
+    for dtype, error in ((np.float32, 5e-4), (np.float16, 3e-3)):
         found = decode(library_bytes(channels("XYZ", picture=xyz.astype(dtype))))
         assert found.dtype == dtype
         np.testing.assert_allclose(found, rgb, atol=error)
     saturated = np.broadcast_to([0.0, 0.5, 0.0], (4, 5, 3)).astype(np.float32)
     assert (decode(library_bytes(channels("XYZ", picture=saturated)))[..., 0] < 0).all()
+
+
+# x and y of red, green, blue and white, and the matrices to Rec.709 by Bradford's adaptation: those
+# of the ACES project (AP0, AP1), and of ITU-R BT.2087 (Rec.2020).
+AP0 = (0.7347, 0.2653, 0.0, 1.0, 0.0001, -0.077, 0.32168, 0.33767)
+AP1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+REC2020 = (0.708, 0.292, 0.17, 0.797, 0.131, 0.046, 0.3127, 0.329)
+REC709_OF = {
+    AP0: [[2.5217, -1.1341, -0.3876], [-0.2765, 1.3727, -0.0962], [-0.0154, -0.1530, 1.1684]],
+    AP1: [[1.7051, -0.6218, -0.0833], [-0.1303, 1.1408, -0.0105], [-0.0240, -0.1290, 1.1530]],
+    REC2020: [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]],
+}
+
+
+@pytest.mark.parametrize("named", list(REC709_OF), ids=["AP0", "AP1", "Rec.2020"])
+def test_other_primaries_become_those_of_rec709(named: tuple[float, ...]) -> None:
+    picture = np.stack((NOISE[:4, :5, 0], NOISE[:4, :5, 1], NOISE[:4, :5, 2]), axis=-1)
+    picture[0, 0] = 1.0
+    found = decode(library_bytes(channels("RGB", picture=picture), chromaticities=named))
+    np.testing.assert_allclose(found, picture @ np.array(REC709_OF[named]).T, atol=2e-4)
+    np.testing.assert_allclose(found[0, 0], 1.0, atol=1e-5)  # white stays white
+    grey = library_bytes({"Y": NOISE[..., 0].copy()}, chromaticities=named)
+    np.testing.assert_array_equal(decode(grey)[..., 2], NOISE[..., 0])
+
+
+def test_half_floats_of_other_primaries_that_leave_their_range_become_floats() -> None:
+    picture = np.full((4, 5, 3), [60000, 0, 0], np.float16)
+    found = decode(library_bytes(channels("RGB", picture=picture), chromaticities=AP0))
+    assert found.dtype == np.float32 and found[0, 0, 0] > 150_000
+    dim = decode(library_bytes(channels("RGB"), chromaticities=AP0))
+    assert dim.dtype == np.float16
+
+
+def test_primaries_of_rec709_change_no_bit_and_such_as_span_nothing_are_refused() -> None:
+    rounded = (0.64, 0.33, 0.3, 0.6, 0.15, 0.06, 0.3127, 0.329)
+    payload = library_bytes(channels("RGB"), chromaticities=rounded)
+    np.testing.assert_array_equal(decode(payload), COLOUR)
+    with pytest.raises(ValueError, match="its chromaticities 0, 0, .* span no colours"):
+        decode(library_bytes(channels("RGB"), chromaticities=(0.0,) * 8))
 
 
 def test_channels_that_are_no_colour() -> None:
@@ -151,7 +191,10 @@ def test_channels_that_are_no_colour() -> None:
         ({"Y": plane, "RY": plane, "BY": plane}, "channels are BY, RY, Y; expected"),
         ({"X": plane, "Y": plane}, "channels are X, Y; expected"),
         ({"n.X": plane, "n.Y": plane, "n.Z": plane}, "channels are n.X, n.Y, n.Z; expected"),
-        ({name: plane.astype(np.uint32) for name in "RGB"}, "channel R holds no floats"),
+        (
+            {name: plane.astype(np.uint32) for name in "RGB"},
+            r"channel R holds whole numbers \(UINT\)",
+        ),
     ):
         with pytest.raises(ValueError, match=message):
             decode(library_bytes(channels))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image, ImageOps
 from PIL.PngImagePlugin import PngInfo
 
-from spmm_torch.data.codecs import DECODE_ERRORS, codec_of, pillow, tiff
+from spmm_torch.data.codecs import DECODE_ERRORS, UnsuitableError, codec_of, pillow, tiff
 from spmm_torch.data.codecs.arrangement import ORIENTATION_TAG
 
 RNG = np.random.default_rng(0)
@@ -166,6 +166,27 @@ def test_transparency_is_ignored_where_asked() -> None:
     for codes in (BYTES, WORDS):
         payload = png(codes)
         np.testing.assert_array_equal(pillow.decode(payload, ignore_alpha=True), codes[..., :3])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"version https://git-lfs.github.com/spec/v1\n", "it is a pointer of Git LFS"),
+        (b"<html>not found</html>", "it is a web page"),
+    ],
+)
+def test_a_file_in_the_place_of_a_picture_is_named(content: bytes, message: str) -> None:
+    with pytest.raises(UnsuitableError, match=message):
+        pillow.decode(content)
+
+
+def test_too_many_pixels_are_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    payload = saved(Image.new("RGB", (6, 5)), "PNG")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 14)  # Pillow refuses twice as many
+    with pytest.raises(
+        UnsuitableError, match="more pixels than Pillow opens, 28; .* scale it down"
+    ):
+        pillow.decode(payload)
 
 
 @pytest.mark.parametrize("kind", ["text", "text after the pixels", "profile"])

@@ -256,6 +256,22 @@ def test_exposure_is_divided_out() -> None:
         values_with(*["EXPOSURE=1e200"] * 3)
 
 
+def test_primaries_are_those_that_are_read() -> None:
+    """Rec.709, those of Radiance itself, or none, as Photoshop writes them; others by name."""
+    codes = NOISE[..., :4]
+    for value in (
+        "0.640 0.330 0.300 0.600 0.150 0.060 0.3127 0.3290",
+        "0.640 0.330 0.290 0.600 0.150 0.060 0.333 0.333",
+        "0 0 0 0 0 0 0 0",
+    ):
+        payload = header(codes.shape[:2], f"PRIMARIES={value}") + codes.tobytes()
+        np.testing.assert_array_equal(decode(payload), codes)
+    for value in ("0.708 0.292 0.17 0.797 0.131 0.046 0.3127 0.329", "0.64 0.33", "nan " * 8):
+        payload = header(codes.shape[:2], f"PRIMARIES={value}") + codes.tobytes()
+        with pytest.raises(ValueError, match="PRIMARIES=.* expected those of Rec.709"):
+            decode(payload)
+
+
 def test_headers() -> None:
     assert radiance.accepts(b"#?RADIANCE\nFORM") and radiance.accepts(b"#?RGBE\n")
     assert not radiance.accepts(b"\x89PNG\r\n\x1a\n") and not radiance.accepts(b"")
