@@ -48,7 +48,7 @@ def compressive_weights(
         pair = (size + dark) ** -EXPONENTS[objective.error]
     if objective.pair is not None:
         pair = pair * objective.pair
-    return Weights.build(btf, pair.view(len(btf.view), len(btf.light)))
+    return Weights.build(btf, pair.view(btf.pair_shape))
 
 
 def _balanced(size: Tensor, dark: Tensor, measured: Tensor) -> Tensor:
