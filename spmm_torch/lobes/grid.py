@@ -20,7 +20,7 @@ from .values import eval_models
 SAME_LOBE = 0.999
 # Samples of a list that see the peak of the narrowest lobe, which by default (`search.min_width`)
 # is a quarter of the spacing.
-SEEN_BY, NARROWEST = 8, 0.25
+SEEN_BY, NARROWEST = 4, 0.25
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class DirectionGrid:
     def spacing(self) -> float:
         """The smaller of the angles between neighbouring lights and neighbouring views.
 
-        That of a list is such that a quarter of it reaches from half vectors to their 8th
+        That of a list is such that a quarter of it reaches from half vectors to their 4th
         neighbours: a lobe of this width is seen by so many samples.
         """
         if self.is_list:

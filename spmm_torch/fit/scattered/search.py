@@ -26,6 +26,9 @@ from .thinned import thinned
 
 # Pairs of a list on which lobes are sought, at most: so many as a dense grid has.
 SOUGHT_PAIRS = 1 << 14
+# Lists shorter than this part of the longest are not searched: few samples tell which of the lobes
+# found elsewhere they show, and no lobes of their own.
+LEAST_SHARE = 0.1
 # Pairs, of all lists together, on which lobes are compared: two of one shape are one.
 COMPARED_PAIRS = 1 << 12
 
@@ -48,20 +51,21 @@ class Task:
 def search_tasks(
     btf: ScatteredBTF, config: FitConfig, context: Context, objective: Objective
 ) -> list[Task]:
-    """The searches that a fit makes: as many texels as for a grid, spread over the lists."""
-    generator = context.generator("lists")
-    most, lists = config.cluster.count * config.sample.per_cluster, btf.lists
+    """The searches that a fit makes: where there are several lists, they are the clusters."""
+    generator, lists = context.generator("lists"), btf.lists
     if len(lists) == 1:
         pairs, problem = _problem(lists[0], config, context, objective, generator)
         clusters = cluster_texels(problem)
         return [Task(pairs, problem, sample_texels(problem, clusters))]
-    chosen = torch.randperm(len(lists), generator=generator)[:most].sort().values.tolist()
+    longest = max(len(part.wi) for part in lists)
+    long = [part for part in lists if len(part.wi) >= LEAST_SHARE * longest]
+    chosen = torch.randperm(len(long), generator=generator)[: config.cluster.count].sort().values
     tasks = []
-    for part in (lists[index] for index in chosen):
-        count = max(1, min(len(part.texels), most // len(chosen)))
-        order = torch.randperm(len(part.texels), generator=generator)[:count].sort().values
+    for part in (long[index] for index in chosen.tolist()):
+        order = torch.randperm(len(part.texels), generator=generator)
+        some = order[: config.sample.per_cluster].sort().values
         pairs, problem = _problem(part, config, context, objective, generator)
-        tasks.append(Task(pairs, problem, Samples(order, torch.zeros_like(order))))
+        tasks.append(Task(pairs, problem, Samples(some, torch.zeros_like(some))))
     return tasks
 
 
