@@ -120,7 +120,7 @@ def decode(btf: BTF, progress: Progress, cache: str | None = None) -> None:
         DataError: a picture cannot be decoded, or a value is not valid.
         OutputError: the cache cannot be written.
     """
-    from spmm_torch.data.pair_lists import ScatteredBTF
+    from spmm_torch.data.scattered_btf import ScatteredBTF
     from spmm_torch.runtime.memory import DEFAULT_FRACTION, free_memory
 
     for note in btf.notes:

@@ -26,9 +26,10 @@ from .btf import BTF
 from .directions import checked_directions, unit_directions
 from .npz import read_array
 from .options import DEFAULT_OPTIONS, ReadOptions
-from .pair_lists import PairList, ScatteredBTF, no_store, spread_directions
+from .pair_lists import PairList
 from .pictures import ZIP_ERRORS, material_name, open_zip
 from .sample_grid import Grid, Samples, grid_of
+from .scattered_btf import ScatteredBTF, no_store, spread_directions
 
 EXPECTED = "an NPZ or Parquet file with a list of samples wi, wo and rgb"
 REQUIRED = ("wi", "wo", "rgb")

@@ -12,7 +12,7 @@ import torch
 
 from ..errors import DataError
 from .btf import BTF
-from .pair_lists import ScatteredBTF
+from .scattered_btf import ScatteredBTF
 from .store import Part, ScaledStore, Store
 
 # Highest values of a BTF that is left as it is: those of reflectance and of mirrors.

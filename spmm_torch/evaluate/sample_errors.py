@@ -9,7 +9,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from ..data.pair_lists import PairList, ScatteredBTF
+from ..data.pair_lists import PairList
+from ..data.scattered_btf import ScatteredBTF
 from ..errors import DataError
 from ..metrics import Totals, snr_db
 from ..model.spmm import SPMM

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..data.pair_lists import ScatteredBTF
+from ..data.scattered_btf import ScatteredBTF
 from ..errors import DataError
 from ..geometry.neighbours import nearest
 from ..model.spmm import SPMM

@@ -10,7 +10,7 @@ import torch
 from ..config.fit import FitConfig
 from ..data import BTF, obeying
 from ..data.error_weights import Weights
-from ..data.pair_lists import ScatteredBTF
+from ..data.scattered_btf import ScatteredBTF
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
 from ..report.contract import Ablation, Report

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
-from ..data.pair_lists import ScatteredBTF
+from ..data.scattered_btf import ScatteredBTF
 from ..geometry.directions import direction_from_angles, hemisphere_spiral
 from ..geometry.grazing import grazing_fade, lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation

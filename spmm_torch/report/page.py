@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..data import BTF
-from ..data.pair_lists import ScatteredBTF
+from ..data.scattered_btf import ScatteredBTF
 from ..model.spmm import SPMM
 from . import wording
 from .charts import Bar, bar_chart

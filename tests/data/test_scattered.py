@@ -14,7 +14,7 @@ import torch
 
 from spmm_torch import FitConfig
 from spmm_torch.data import load_btf
-from spmm_torch.data.pair_lists import ScatteredBTF
+from spmm_torch.data.scattered_btf import ScatteredBTF
 from spmm_torch.errors import ConfigError, DataError
 from spmm_torch.fit import fit
 from spmm_torch.geometry.directions import ring_directions

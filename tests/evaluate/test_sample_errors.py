@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from spmm_torch import load_btf
-from spmm_torch.data.pair_lists import ScatteredBTF
+from spmm_torch.data.scattered_btf import ScatteredBTF
 from spmm_torch.evaluate import sample_errors as module
 from spmm_torch.evaluate.sample_errors import sample_errors
 from tests.planted.models import planted_model

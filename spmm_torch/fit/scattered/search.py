@@ -10,7 +10,8 @@ from torch import Tensor
 
 from ...config.fit import FitConfig
 from ...data.error_weights import Weights
-from ...data.pair_lists import PairedBTF, PairList, ScatteredBTF
+from ...data.pair_lists import PairedBTF, PairList
+from ...data.scattered_btf import ScatteredBTF
 from ...lobes.batch import LobeBatch
 from ...lobes.grid import DirectionGrid
 from ...runtime.context import Context

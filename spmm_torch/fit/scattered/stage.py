@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ...config.fit import FitConfig, WeightsConfig
 from ...data.error_weights import UNIFORM
-from ...data.pair_lists import ScatteredBTF
+from ...data.scattered_btf import ScatteredBTF
 from ...data.units import unit_of
 from ...errors import ConfigError
 from ...evaluate.sample_errors import sample_errors

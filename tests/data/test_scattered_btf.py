@@ -11,7 +11,7 @@ import torch
 
 from spmm_torch import BTF
 from spmm_torch.data import Selection, load_btf
-from spmm_torch.data.pair_lists import ScatteredBTF, spread_directions
+from spmm_torch.data.scattered_btf import ScatteredBTF, spread_directions
 from spmm_torch.data.units import unit_of
 from spmm_torch.errors import DataError
 from tests.planted.scattered import planted_values, random_pairs, save_samples
@@ -102,3 +102,14 @@ def test_directions_that_stand_for_all_have_the_lowest_and_are_far_apart() -> No
     away = torch.cdist(some, some).fill_diagonal_(9.0).min()
     assert away > 0.15
     assert len(spread_directions(directions[:1].expand(5, 3))) == 1
+
+
+def test_samples_from_python() -> None:
+    wi, wo = random_pairs(40, 1)
+    values = planted_values(wi, wo)[None]
+    btf = ScatteredBTF.from_samples(wi, wo.tolist(), values.numpy(), name="wax")
+    assert (btf.name, btf.texel_count, len(btf.lists)) == ("wax", 1, 1)
+    assert btf.samples(0)[2].equal(values[0])
+    assert btf.identity() != btf.scaled(2.0).identity()
+    with pytest.raises(DataError, match=r"values \[1, 40, 3\] at 40 lights and 30 views"):
+        ScatteredBTF.from_samples(wi, wo[:30], values)
