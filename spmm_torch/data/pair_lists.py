@@ -53,7 +53,7 @@ class ListStore:
 
     def texels(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[m, D, C]`; see `Store.texels`."""
-        return self.values[index].to(device)
+        return (self.values if index is None else self.values[index]).to(device)
 
     def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[m, C, D]`; see `Store.signals`."""

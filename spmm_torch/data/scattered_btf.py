@@ -225,7 +225,7 @@ class ScatteredBTF(BTF):
         self._refuse("this")
 
     def pairs(self) -> tuple[Tensor, Tensor]:
-        """Refused: texels may have other pairs.
+        """Refused: texels may have other pairs; there are no `[D, 3]` for all.
 
         Raises:
             DataError: always.
@@ -233,7 +233,7 @@ class ScatteredBTF(BTF):
         self._refuse("this")
 
     def aligned(self, field: HeightField, drift: Tensor | None = None) -> BTF:
-        """Refused: a relief is seen in pictures.
+        """Refused, with any `field` and `drift [V, 2]`: a relief is seen in pictures.
 
         Raises:
             DataError: always.

@@ -110,6 +110,6 @@ def test_samples_from_python() -> None:
     btf = ScatteredBTF.from_samples(wi, wo.tolist(), values.numpy(), name="wax")
     assert (btf.name, btf.texel_count, len(btf.lists)) == ("wax", 1, 1)
     assert btf.samples(0)[2].equal(values[0])
-    assert btf.identity() != btf.scaled(2.0).identity()
+    assert btf.identity() != ScatteredBTF.from_samples(wi, wo, 2.0 * values).identity()
     with pytest.raises(DataError, match=r"values \[1, 40, 3\] at 40 lights and 30 views"):
         ScatteredBTF.from_samples(wi, wo[:30], values)

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from ...config.fit import FitConfig
-from ...data.error_weights import Weights
 from ...data.pair_lists import PairedBTF, PairList
 from ...data.scattered_btf import ScatteredBTF
 from ...lobes.batch import LobeBatch
@@ -22,8 +21,8 @@ from ..dictionary import FoundLobes, merge_lobes
 from ..glossy.objective import Objective
 from ..problem import Problem
 from ..search.lobes import find_lobes, search_steps
-from ..weighting.compressive import compressive_weights
 from .thinned import thinned
+from .weights import list_weights
 
 # Pairs of a list on which lobes are sought, at most: so many as a dense grid has.
 SOUGHT_PAIRS = 1 << 14
@@ -80,9 +79,7 @@ def _problem(
     """The pairs of a list that are searched, and the problem of its texels there."""
     pairs, chance = thinned(part, SOUGHT_PAIRS, generator)
     own = PairedBTF.of(pairs)
-    weights = compressive_weights(own, objective, context.device)
-    if chance is not None:
-        weights = weights.times(Weights.build(own, chance[None]))
+    weights = list_weights(own, objective, context.device, chance)
     return pairs, Problem.build(own, weights, config, context, objective)
 
 

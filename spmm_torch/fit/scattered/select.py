@@ -20,7 +20,7 @@ from ..problem import Problem
 from ..select.products import Products, correlations, squared_norms
 from ..select.target import Target
 from ..select.texels import Fit, select, squared_errors
-from ..weighting.compressive import compressive_weights
+from .weights import list_weights
 
 # Values of all lobes at a block of pairs, texels that choose at once: some 10 MB each.
 BLOCK_VALUES, BLOCK_TEXELS = 1 << 22, 1 << 10
@@ -56,7 +56,7 @@ def fit_list(part: PairList, lobes: LobeBatch, problem: Problem) -> Iterator[Lis
         problem: of a search, for settings, objective and device.
     """
     btf, device = PairedBTF.of(part), problem.device
-    weights = compressive_weights(btf, problem.objective, device)
+    weights = list_weights(btf, problem.objective, device)
     scale = weights.scale(device)
     grid = DirectionGrid.of_pairs(part.wi, part.wo, device, scale)
     gram = _gram(grid, lobes)
