@@ -61,8 +61,10 @@ def headline(found: Judgement) -> str:
     snr = figures["snr_db"]
     line = (
         f"SNR {snr['without_residual']:.2f} dB without residual, {snr['with_residual']:.2f} dB "
-        f"with it, MSSIM {figures['mssim']['mean']:.3f}"
+        f"with it"
     )
+    if figures["mssim"]["mean"] is not None:
+        line += f", MSSIM {figures['mssim']['mean']:.3f}"
     if figures["held_out"] is not None:
         line += f", held-out SNR {figures['held_out']['snr_db']['with_residual']:.2f} dB"
     line = "\n".join([line, *picture_lines(found.slices.sharpness, found.slices.display)])

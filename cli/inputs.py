@@ -120,10 +120,14 @@ def decode(btf: BTF, progress: Progress, cache: str | None = None) -> None:
         DataError: a picture cannot be decoded, or a value is not valid.
         OutputError: the cache cannot be written.
     """
+    from spmm_torch.data.scattered_btf import ScatteredBTF
     from spmm_torch.runtime.memory import DEFAULT_FRACTION, free_memory
 
     for note in btf.notes:
         progress.say(note)
     folder = None if cache is None else Path(cache)
+    if isinstance(btf, ScatteredBTF):  # in memory already
+        btf.load()
+        return
     with progress.stage("load", len(btf.view), "views") as stage:
         btf.load(stage.to, memory=int(DEFAULT_FRACTION * free_memory()), cache=folder)

@@ -15,7 +15,8 @@ class Totals:
         energy: sum of squared values.
         without_residual: sum of squared errors of the lobes alone.
         with_residual: sum of squared errors of the whole model, with the residual as stored.
-        cluster_mean: sum of squared errors of the mean of each cluster, without any model.
+        cluster_mean: sum of squared errors of the mean of each cluster, without any model; NaN
+            where texels share no pairs.
     """
 
     energy: float

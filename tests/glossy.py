@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -22,6 +22,7 @@ from torch import Tensor
 
 from spmm_torch import BTF, FitConfig
 from spmm_torch.brdf import REGISTRY
+from spmm_torch.data.scattered_btf import ScatteredBTF
 from spmm_torch.geometry.directions import direction_pairs
 from spmm_torch.metrics import snr_db
 from spmm_torch.model.spmm import SPMM
@@ -37,6 +38,7 @@ ALBEDO_ANGLES = (0.0, 30.0, 45.0, 60.0, 75.0)
 ALBEDO_AZIMUTHS = (0.0, 13.0, 40.0)
 # Half angle beyond which light belongs to the body of a material, in degrees.
 BODY = 25.0
+HALF = 2500  # of the random pairs of each kind
 # Value `[N, 3]` of a material at wi and wo `[N, 3]`, cosine-weighted.
 Value = Callable[[Tensor, Tensor], Tensor]
 
@@ -63,6 +65,15 @@ class Material:
     def btf(self) -> BTF:
         """The samples as a BTF of one texel; values under zero, colours out of gamut, are kept."""
         return texel_btf(self.samples[None], self.directions, name=self.name, negative="keep")
+
+    def apart(self) -> tuple[BTF, Material]:
+        """Half of the random pairs as scattered samples, and the material judged by the others."""
+        halves = [[side[:HALF] for side in each] for each in (self.between, self.mirror)]
+        wi, wo, values = (torch.cat(sides) for sides in zip(*halves, strict=True))
+        btf = ScatteredBTF.from_samples(wi, wo, values[None], name=self.name, negative="keep")
+        rest = ((wi[HALF:], wo[HALF:], v[HALF:]) for wi, wo, v in (self.between, self.mirror))
+        between, mirror = rest
+        return btf, replace(self, between=between, mirror=mirror)
 
     @property
     def pairs(self) -> tuple[Tensor, Tensor]:

@@ -26,14 +26,18 @@ def measured_names() -> list[str]:
 
 def measured_brdf(name: str, directions: Tensor) -> Tensor:
     """Cosine-weighted values `[D, 3]` of a measured BRDF, from its small network, float64."""
+    inputs, cosine = _network_inputs(*direction_pairs(directions, directions))
+    return network_values(name, inputs) * cosine[:, None]
+
+
+def network_values(name: str, inputs: Tensor) -> Tensor:
+    """The measured BRDF `[D, 3]`, without a cosine, of what its network is fed with `[D, 6]`."""
     index = measured_names().index(name)
     with np.load(DATA / "measured_brdfs.npz") as file:
-        layers = [torch.from_numpy(file[key][index]).double() for key in NETWORK]
-    inputs, cosine = _network_inputs(*direction_pairs(directions, directions))
+        layers = [torch.from_numpy(file[key][index]).to(inputs) for key in NETWORK]
     x = torch.relu(inputs @ layers[0] + layers[1])
     x = torch.relu(x @ layers[2] + layers[3])
-    value = (torch.exp(x @ layers[4] + layers[5]) - 1.0).clamp(min=0.0)
-    return value * cosine[:, None]
+    return (torch.exp(x @ layers[4] + layers[5]) - 1.0).clamp(min=0.0)
 
 
 def brdf_btf(name: str, directions: Tensor) -> BTF:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -202,7 +203,12 @@ class BTF:
     @property
     def pair_count(self) -> int:
         """The number of direction pairs, D."""
-        return len(self.view) * len(self.light)
+        return math.prod(self.pair_shape)
+
+    @property
+    def pair_shape(self) -> tuple[int, int]:
+        """(V, L), as direction pairs are ordered."""
+        return len(self.view), len(self.light)
 
     @property
     def measured(self) -> Tensor | None:
@@ -215,10 +221,14 @@ class BTF:
         return self.pair_count if self.missing is None else int((~self.missing).sum())
 
     @property
+    def value_count(self) -> int:
+        """The number of measured values, over all texels, pairs and channels."""
+        return self.texel_count * self.measured_count * self.channels
+
+    @property
     def raw_bytes(self) -> int:
         """Bytes of all values at the bit depth of the source, uncompressed."""
-        values = self.texel_count * self.measured_count * self.channels
-        return round(values * self.bytes_per_value)
+        return round(self.value_count * self.bytes_per_value)
 
     @property
     def is_hdr(self) -> bool:
@@ -295,6 +305,12 @@ class BTF:
             DataError, OutputError: as for `texels`.
         """
         return self.store().signals(index, device)
+
+    def samples(self, texel: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Lights `[N, 3]`, views `[N, 3]` and values `[N, C]` of what was measured of a texel."""
+        kept = slice(None) if self.measured is None else self.measured
+        wi, wo = self.pairs()
+        return wi[kept], wo[kept], self.texels(torch.tensor([texel]))[0][kept]
 
     def picture(self, view: int, light: int) -> Tensor:
         """The linear picture `[H, W, C]` of one direction pair."""

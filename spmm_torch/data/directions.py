@@ -16,12 +16,28 @@ SAME_DIRECTION = 1e-3
 
 
 def checked_directions(directions: Tensor, where: str) -> Tensor:
-    """Directions `[N, 3]` as float32 unit vectors in the closed upper hemisphere.
+    """Directions `[N, 3]` as float32 unit vectors in the closed upper hemisphere, no two the same.
 
     Raises:
         DataError: the shape is wrong, or a direction is not finite, not unit, below the horizon or
             there twice.
     """
+    exact = _units(directions, where)
+    _check_distinct(exact, where)
+    return exact.float()
+
+
+def unit_directions(directions: Tensor, where: str) -> Tensor:
+    """Directions `[N, 3]` as float32 unit vectors in the closed upper hemisphere, in any number.
+
+    Raises:
+        DataError: the shape is wrong, or a direction is not finite, not unit or below the horizon.
+    """
+    return _units(directions, where).float()
+
+
+def _units(directions: Tensor, where: str) -> Tensor:
+    """The same in float64."""
     if directions.ndim != 2 or directions.shape[-1] != 3 or len(directions) == 0:
         raise DataError(
             f"{where} has shape {list(directions.shape)}; expected [N, 3] with N of at least 1; "
@@ -42,9 +58,7 @@ def checked_directions(directions: Tensor, where: str) -> Tensor:
         "z is the surface normal and directions point away from the surface: turn or remove it",
     )
     exact[:, 2].clamp_min_(0.0)
-    exact = exact / exact.norm(dim=-1, keepdim=True)
-    _check_distinct(exact, where)
-    return exact.float()
+    return exact / exact.norm(dim=-1, keepdim=True)
 
 
 def _refuse(bad: Tensor, directions: Tensor, what: str, remedy: str) -> None:

@@ -59,7 +59,7 @@ class Weights:
         """
         measured = btf.measured
         if pair is not None:
-            shape = (len(btf.view), len(btf.light))
+            shape = btf.pair_shape
             pair = _checked(pair, shape, f"'pair' of {where}", "[views, lights]").flatten()
         elif measured is not None:
             pair = torch.ones(btf.pair_count, dtype=torch.float64)

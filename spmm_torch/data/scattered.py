@@ -5,31 +5,31 @@ NPZ arrays: `wi [N, 3]`, `wo [N, 3]` and `rgb [N, 3]`, the values times the cosi
 texels are a texture; `names [T]` where they are not. Parquet columns: `wi_x` to `wo_z`, `r`, `g`,
 `b`, and `texel`.
 
-Samples are kept where they lie: views and lights are the distinct directions of the list, and pairs
-of them without a sample are missing.
+Samples that fill a grid of lights and views, but for gaps, are read as one; a pair that is listed
+again is averaged. All others stay lists of pairs, of each texel or of several that share one.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 import torch
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 
 from ..errors import ConfigError, DataError
 from .arrays import opener_in_memory
 from .btf import BTF
-from .directions import SAME_DIRECTION, checked_directions
+from .directions import checked_directions, unit_directions
 from .npz import read_array
 from .options import DEFAULT_OPTIONS, ReadOptions
+from .pair_lists import PairList
 from .pictures import ZIP_ERRORS, material_name, open_zip
+from .sample_grid import Grid, Samples, grid_of
+from .scattered_btf import ScatteredBTF, no_store, spread_directions
 
 EXPECTED = "an NPZ or Parquet file with a list of samples wi, wo and rgb"
 REQUIRED = ("wi", "wo", "rgb")
@@ -40,29 +40,7 @@ COLUMNS = {
     "rgb": ("r", "g", "b"),
 }
 PARQUET_MAGIC = b"PAR1"
-# Pairs of distinct directions at most: a fit takes time and memory for each, with a sample or not.
-MAX_PAIRS = 1 << 17
 BYTES_PER_VALUE = 4  # of float32
-
-
-@dataclass(frozen=True)
-class Samples:
-    """A list of N samples.
-
-    Attributes:
-        wi, wo: unit directions to light and view, `[N, 3]`.
-        rgb: values, `[N, 3]`.
-        texel: of each sample, `[N]`.
-        size: (height, width) of the texture; one row where texels are no texture.
-        names: of the texels; None for a texture.
-    """
-
-    wi: np.ndarray
-    wo: np.ndarray
-    rgb: np.ndarray
-    texel: np.ndarray
-    size: tuple[int, int]
-    names: tuple[str, ...] | None
 
 
 def accepts(path: Path) -> bool:
@@ -80,32 +58,94 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     """Reads a list, all of it, as its directions tell the shape of the BTF.
 
     Raises:
-        DataError: an array or column is missing or malformed, directions are too many, or a texel
-            lacks a pair that another has and `options.missing` does not mask it.
+        DataError: an array or column is missing or malformed, or a texel has no sample.
         ConfigError: a Parquet file is given and pyarrow is missing.
     """
     source = Path(path)
     arrays = _npz(source) if zipfile.is_zipfile(source) else _parquet(source)
     samples = _checked(arrays, source)
-    view, light, values = _gathered(samples, source)
-    missing = _missing(values, options.missing == "mask", samples, source)
-    if missing is not None:
-        values[missing] = 0.0
+    grid = grid_of(samples, options.missing == "mask", source)
+    return _scattered(samples, source) if grid is None else _gridded(samples, grid, source)
+
+
+def _gridded(samples: Samples, grid: Grid, path: Path) -> BTF:
+    """The BTF of a grid."""
     height, width = samples.size
-    whole = values.reshape(len(view), len(light), height, width, 3)
+    missing = grid.missing
+    values = np.where(missing[..., None, None], np.float32(0.0), grid.values)
+    whole = values.reshape(len(grid.view), len(grid.light), height, width, 3)
     return BTF(
-        name=material_name(source),
+        name=material_name(path),
         path=str(path),
         height=height,
         width=width,
-        view=checked_directions(torch.from_numpy(view), f"'wo' of {path}"),
-        light=checked_directions(torch.from_numpy(light), f"'wi' of {path}"),
+        view=checked_directions(torch.from_numpy(grid.view), f"'wo' of {path}"),
+        light=checked_directions(torch.from_numpy(grid.light), f"'wi' of {path}"),
         bytes_per_value=BYTES_PER_VALUE,
         open_store=opener_in_memory(whole, str(path)),
         hdr=None,
-        missing=None if missing is None else torch.from_numpy(missing),
+        missing=torch.from_numpy(missing) if missing.any() else None,
         names=samples.names,
     )
+
+
+def _scattered(samples: Samples, path: Path) -> ScatteredBTF:
+    """The BTF of lists of pairs."""
+    wi = unit_directions(torch.from_numpy(samples.wi), f"'wi' of {path}")
+    wo = unit_directions(torch.from_numpy(samples.wo), f"'wo' of {path}")
+    lists = tuple(_lists(wi.numpy(), wo.numpy(), samples))
+    height, width = samples.size
+    return ScatteredBTF(
+        name=material_name(path),
+        path=str(path),
+        height=height,
+        width=width,
+        view=spread_directions(wo),
+        light=spread_directions(wi),
+        bytes_per_value=BYTES_PER_VALUE,
+        open_store=no_store,
+        hdr=None,
+        names=samples.names,
+        raw=lists,
+    )
+
+
+def _lists(wi: np.ndarray, wo: np.ndarray, samples: Samples) -> Iterator[PairList]:
+    """The texels of each list, in the order of their first texels.
+
+    Args:
+        wi, wo: unit directions of the samples, `[N, 3]` float32.
+        samples: texels and values; those of one texel and pair are averaged.
+    """
+    texel, pairs, rgb = _averaged(samples.texel, np.concatenate((wi, wo), axis=1), samples.rgb)
+    ends = np.cumsum(np.bincount(texel, minlength=math.prod(samples.size)))
+    parts = [slice(a, b) for a, b in zip((0, *ends[:-1].tolist()), ends.tolist(), strict=True)]
+    sharing: dict[bytes, list[int]] = {}
+    for index, part in enumerate(parts):
+        sharing.setdefault(hashlib.sha256(pairs[part].tobytes()).digest(), []).append(index)
+    for texels in sharing.values():
+        own = torch.from_numpy(pairs[parts[texels[0]]])
+        values = torch.from_numpy(np.stack([rgb[parts[index]] for index in texels]))
+        yield PairList(torch.tensor(texels), own[:, :3].clone(), own[:, 3:].clone(), values)
+
+
+def _averaged(
+    texel: np.ndarray, pairs: np.ndarray, rgb: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Samples sorted by texel and pair, each pair of a texel once.
+
+    Args:
+        texel: `[N]`.
+        pairs: light and view, `[N, 6]`.
+        rgb: `[N, 3]`.
+    """
+    order = np.lexsort((*pairs.T[::-1], texel))
+    texel, pairs = texel[order], pairs[order]
+    other = np.any(np.diff(pairs, axis=0) != 0.0, axis=1) | (np.diff(texel) != 0)
+    first = np.flatnonzero(np.concatenate(([True], other)))
+    count = np.diff(np.append(first, len(texel)))
+    total = np.add.reduceat(rgb[order].astype(np.float64), first, axis=0)
+    return texel[first], pairs[first], (total / count[:, None]).astype(np.float32)
 
 
 def _npz(path: Path) -> dict[str, np.ndarray]:
@@ -156,7 +196,7 @@ def _checked(arrays: Mapping[str, np.ndarray], path: Path) -> Samples:
     """The list, with shapes that agree.
 
     Raises:
-        DataError: they do not, or a number is not finite.
+        DataError: they do not, a texel has no sample, or a number is not finite.
     """
     count = len(arrays["rgb"]) if arrays["rgb"].ndim else 0
     for key in REQUIRED:
@@ -173,6 +213,17 @@ def _checked(arrays: Mapping[str, np.ndarray], path: Path) -> Samples:
             f"[{count}] whole numbers from 0, the texel of each sample; save it so."
         )
     size, names = _layout(arrays, int(texel.max()) + 1, path)
+    counts = np.bincount(texel.astype(np.int64), minlength=math.prod(size))
+    if not counts.all():
+        raise DataError(
+            f"'texel' of {path} has no sample of texel {int(counts.argmin())}, of "
+            f"{math.prod(size)}; expected at least one of each from 0; number them anew."
+        )
+    if not np.isfinite(arrays["rgb"]).all():
+        raise DataError(
+            f"'rgb' of {path} holds a value that is not finite, the first at sample "
+            f"{int(np.argwhere(~np.isfinite(arrays['rgb']))[0, 0])}; expected numbers; remove it."
+        )
     wi, wo, rgb = (arrays[key].astype(np.float64) for key in REQUIRED)
     return Samples(wi, wo, rgb.astype(np.float32), texel.astype(np.int64), size, names)
 
@@ -196,74 +247,3 @@ def _layout(
             f"[{count}] texts, one for each number in 'texel'; make the two agree."
         )
     return (1, count), tuple(names.tolist())
-
-
-def _gathered(samples: Samples, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Distinct views `[V, 3]` and lights `[L, 3]`, and values `[V, L, T, 3]`, NaN without a sample.
-
-    Samples of one texel and pair are averaged.
-    """
-    view, at_view = _distinct(samples.wo, f"'wo' of {path}")
-    light, at_light = _distinct(samples.wi, f"'wi' of {path}")
-    if len(view) * len(light) > MAX_PAIRS:
-        raise DataError(
-            f"the {len(samples.rgb)} samples of {path} have {len(view)} distinct views and "
-            f"{len(light)} distinct lights; expected at most {MAX_PAIRS:,} pairs of them, as a fit "
-            f"takes all; measure fewer directions again and again, or split the list by texels."
-        )
-    if not np.isfinite(samples.rgb).all():
-        raise DataError(
-            f"'rgb' of {path} holds a value that is not finite, the first at sample "
-            f"{int(np.argwhere(~np.isfinite(samples.rgb))[0, 0])}; expected numbers; remove it."
-        )
-    shape = (len(view), len(light), math.prod(samples.size))
-    place = np.ravel_multi_index((at_view, at_light, samples.texel), shape)
-    total, count = np.zeros((math.prod(shape), 3)), np.bincount(place, minlength=math.prod(shape))
-    np.add.at(total, place, samples.rgb)
-    values = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
-    return view, light, values.astype(np.float32).reshape(*shape, 3)
-
-
-def _distinct(directions: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Directions `[M, 3]` of which no two are the same, and which one each of `[N, 3]` is."""
-    _check_finite(directions, where)
-    exact, back = np.unique(directions, axis=0, return_inverse=True)
-    near = KDTree(exact).query_pairs(SAME_DIRECTION, output_type="ndarray")
-    links = coo_array((np.ones(len(near)), (near[:, 0], near[:, 1])), shape=(len(exact),) * 2)
-    _, group = connected_components(links, directed=False)
-    _, first, order = np.unique(group, return_index=True, return_inverse=True)
-    return exact[first], order[back.reshape(-1)]
-
-
-def _check_finite(directions: np.ndarray, where: str) -> None:
-    if not np.isfinite(directions).all():
-        raise DataError(
-            f"{where} holds a direction that is not finite, the first at sample "
-            f"{int(np.argwhere(~np.isfinite(directions))[0, 0])}; expected unit vectors; remove it."
-        )
-
-
-def _missing(values: np.ndarray, mask: bool, samples: Samples, path: Path) -> np.ndarray | None:
-    """Pairs `[V, L]` that count for no texel; None if all do.
-
-    Raises:
-        DataError: a texel lacks a pair that another has, and such pairs are not masked.
-    """
-    lacking: np.ndarray = np.isnan(values[..., 0])  # [V, L, T]
-    everywhere, somewhere = np.all(lacking, axis=-1), np.asarray(np.any(lacking, axis=-1))
-    partly = somewhere & ~everywhere
-    if partly.any() and not mask:
-        view, light = np.argwhere(partly)[0].tolist()
-        texel = int(lacking[view, light].argmax())
-        named = f"texel {texel}" if samples.names is None else repr(samples.names[texel])
-        raise DataError(
-            f"{named} of {path} has no sample at view {view}, light {light}, which other texels "
-            f"have ({int(partly.sum())} such pairs); expected the same pairs in all texels; fit "
-            f"them apart, or leave these pairs out by data.missing=mask."
-        )
-    if somewhere.all():
-        raise DataError(
-            f"the texels of {path} have no pair of directions in common; expected at least one; "
-            f"fit them apart."
-        )
-    return somewhere if somewhere.any() else None

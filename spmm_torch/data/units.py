@@ -12,6 +12,7 @@ import torch
 
 from ..errors import DataError
 from .btf import BTF
+from .scattered_btf import ScatteredBTF
 from .store import Part, ScaledStore, Store
 
 # Highest values of a BTF that is left as it is: those of reflectance and of mirrors.
@@ -51,11 +52,14 @@ def _refuse_hot(btf: BTF, level: float) -> None:
     ordinary = btf.peak()
     if level <= HOT * ordinary:
         return
-    view, light, row, column, value = highest_value(btf)
+    if isinstance(btf, ScatteredBTF):
+        place, value = btf.brightest()
+    else:
+        view, light, row, column, value = highest_value(btf)
+        place = f"view {view}, light {light}, row {row}, column {column}"
     raise DataError(
-        f"{btf.path or btf.name} holds {value:g} at view {view}, light {light}, row {row}, column "
-        f"{column}, where 99.9 % of its values are at most {ordinary:g}; expected values of one "
-        f"scale; mend that hot pixel."
+        f"{btf.path or btf.name} holds {value:g} at {place}, where 99.9 % of its values are at "
+        f"most {ordinary:g}; expected values of one scale; mend that hot pixel."
     )
 
 

@@ -13,6 +13,9 @@ from ..data.selection import RING_TOLERANCE
 MAX_RINGS, BANDS = 12, 12
 
 
+BAND_MIDDLES = tuple(90.0 / BANDS * (index + 0.5) for index in range(BANDS))  # in degrees
+
+
 @dataclass(frozen=True)
 class AngleTable:
     """Sums of squares by rings of views (rows) and of lights (columns).
@@ -47,16 +50,24 @@ def by_angle(view: Tensor, light: Tensor, energy: Tensor, error: Tensor) -> Angl
 
 def rings(directions: Tensor) -> tuple[Tensor, tuple[float, ...]]:
     """The ring of each direction `[N]` of `[N, 3]`, and rising polar angles of rings in degrees."""
-    exact = directions.double().cpu()
-    polar = torch.atan2(exact[:, :2].norm(dim=1), exact[:, 2])
+    polar = _polar(directions)
     order = polar.argsort()
     ring = torch.zeros(len(polar), dtype=torch.long)
     ring[order[1:]] = (polar[order].diff() > RING_TOLERANCE).cumsum(0)
     count = int(ring.max()) + 1
     if count > MAX_RINGS:
-        width = 90.0 / BANDS
-        band = (polar.rad2deg() / width).long().clamp(max=BANDS - 1)
-        return band, tuple(width * (index + 0.5) for index in range(BANDS))
+        return band(directions), BAND_MIDDLES
     sums = torch.zeros(count, dtype=torch.float64).index_add(0, ring, polar)
     means = (sums / torch.bincount(ring)).rad2deg()
     return ring, tuple(round(angle, 1) for angle in means.tolist())
+
+
+def band(directions: Tensor) -> Tensor:
+    """The band of polar angles, of equal width, of each direction `[N]` of `[N, 3]`."""
+    return (_polar(directions).rad2deg() * (BANDS / 90.0)).long().clamp(max=BANDS - 1)
+
+
+def _polar(directions: Tensor) -> Tensor:
+    """Polar angles `[N]` float64, in radians."""
+    exact = directions.double().cpu()
+    return torch.atan2(exact[:, :2].norm(dim=1), exact[:, 2])

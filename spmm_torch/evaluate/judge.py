@@ -9,8 +9,10 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
+from ..data.scattered_btf import ScatteredBTF
 from ..metrics import Totals, psnr_db, snr_db
 from ..model.spmm import SPMM
+from ..report.contract import MSSIM, Display, Sharpness
 from ..report.summary import device_name, versions
 from ..runtime.progress import Progress
 from .angles import AngleTable, by_angle
@@ -18,6 +20,7 @@ from .flip import flip
 from .mssim import Score, mean_score, mssim
 from .planes import compare_planes
 from .renderings import Renderings
+from .sample_errors import sample_errors
 from .slices import SliceFigures, slice_figures
 from .source import Source
 from .spheres import compare_spheres
@@ -30,6 +33,7 @@ ROUNDING = 2e-6
 ALL_FITTED = (
     "The run was fitted to every direction of its input; fit it with --directions to hold some out."
 )
+ALL_SAMPLES = "Scattered samples: give others with --against to judge a run by what it did not see."
 
 
 @dataclass(frozen=True)
@@ -71,19 +75,21 @@ class Judgement:
 
     Attributes:
         source: the run and its input.
-        errors: squared errors over the whole input.
+        texel_error: squared error of each texel, `[T]`.
+        pair_error: of each pair of a grid that was fitted, `[D]`; None for scattered samples.
         table: errors of the fitted pairs by polar angles.
         held_out: the same of the pairs that were not fitted; None if all were.
-        likeness: of the sphere pictures.
+        likeness: of the sphere pictures; None for scattered samples, which have no pictures.
         slices: sharpness, and what is seen of slices, at directions that were fitted.
         figures: the content of `evaluation.json`.
     """
 
     source: Source
-    errors: SquaredErrors
+    texel_error: Tensor
+    pair_error: Tensor | None
     table: AngleTable
     held_out: AngleTable | None
-    likeness: Likeness
+    likeness: Likeness | None
     slices: SliceFigures
     figures: dict[str, Any]
 
@@ -106,6 +112,8 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
     Raises:
         DataError: the input cannot be decoded or is not valid.
     """
+    if isinstance(source.btf, ScatteredBTF):
+        return _judge_samples(source, source.btf, device, progress)
     model, btf, fitted = source.model, source.btf, source.fitted
     with progress.stage("evaluate", btf.texel_count, "texels") as stage:
         errors = squared_errors(model, btf, fitted, stage)
@@ -136,14 +144,52 @@ def judge(source: Source, device: torch.device, progress: Progress) -> Judgement
         "sharpness": asdict(slices.sharpness),
         "display": asdict(slices.display),
         "by_angle": _angle_figures(table),
-        "worst_texels": worst_texels(errors, btf.width),
+        "worst_texels": worst_texels(errors.texel_energy, errors.texel_error, btf.width),
         "worst_pairs": worst_pairs(errors, btf, fitted),
         "held_out": None if held_out is None else _held_out(source, errors, peak, held_out),
         "held_out_note": ALL_FITTED if held_out is None else None,
         "device": device_name(device),
         "versions": versions(),
     }
-    return Judgement(source, errors, table, held_out, found, slices, figures)
+    shown = errors.with_residual * fitted
+    return Judgement(source, errors.texel_error, shown, table, held_out, found, slices, figures)
+
+
+def _judge_samples(
+    source: Source, btf: ScatteredBTF, device: torch.device, progress: Progress
+) -> Judgement:
+    """Compares a saved model with scattered samples, of which there are no pictures."""
+    with progress.stage("evaluate", btf.texel_count, "texels") as stage:
+        errors = sample_errors(source.model, btf, stage)
+    totals, peak, slices = errors.totals(), btf.peak(), SliceFigures(Sharpness(), Display())
+    figures = {
+        "run": str(source.run),
+        "input": btf.path,
+        "texels": btf.texel_count,
+        "direction_pairs": btf.measured_count,
+        "channels": btf.channels,
+        "psnr_peak": peak,
+        **decibels(totals, peak, btf.value_count),
+    }
+    figures["snr_db"]["cluster_mean"] = None
+    same = source.report.get("raw_bytes") == btf.raw_bytes  # else they judge what no fit saw
+    figures |= {
+        "report_difference_db": report_difference(figures, source.report) if same else None,
+        "mssim": asdict(MSSIM()),
+        "mssim_by_light": {},
+        "flip": None,
+        "sharpness": asdict(slices.sharpness),
+        "display": asdict(slices.display),
+        "by_angle": _angle_figures(errors.table),
+        "worst_texels": worst_texels(errors.texel_energy, errors.texel_error, btf.width),
+        "worst_pairs": errors.worst,
+        "held_out": None,
+        "held_out_note": ALL_SAMPLES,
+        "device": device_name(device),
+        "versions": versions(),
+    }
+    table = errors.table
+    return Judgement(source, errors.texel_error, None, table, None, None, slices, figures)
 
 
 def decibels(totals: Totals, peak: float, count: int) -> dict[str, dict[str, float]]:

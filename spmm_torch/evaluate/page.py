@@ -36,7 +36,7 @@ class EvaluationPage:
         name: of the material.
         model: that was evaluated.
         figures: the content of `evaluation.json`.
-        spheres: renderings of original and model.
+        spheres: renderings of original and model; None where the original has no pictures.
         angles: errors by polar angles of light and view.
         texels: the map of the error of each texel.
         pairs: original and model at the worst direction pairs; None where no pair has an error.
@@ -45,7 +45,7 @@ class EvaluationPage:
     name: str
     model: SPMM
     figures: dict[str, Any]
-    spheres: Gallery
+    spheres: Gallery | None
     angles: tuple[Chart, ...]
     texels: Picture
     pairs: Gallery | None
@@ -58,9 +58,9 @@ def evaluation_page(found: Judgement) -> str:
         found.source.btf.name,
         model,
         found.figures,
-        sphere_section(found.likeness),
+        None if found.likeness is None else sphere_section(found.likeness),
         _angles(found.table, found.held_out),
-        error_map(model, found.errors.texel_error),
+        error_map(model, found.texel_error),
         _worst_pairs(found),
     )
     return render_template("evaluation.html.j2", page)
@@ -112,11 +112,10 @@ def error_map(model: SPMM, error: Tensor) -> Picture:
 
 def _worst_pairs(found: Judgement) -> Gallery | None:
     count = min(SHOWN_PAIRS, len(found.figures["worst_pairs"]))
-    if not count:
+    if not count or found.pair_error is None:
         return None
     btf = found.source.btf
-    error = found.errors.with_residual * found.source.fitted  # [D]
-    worst = error.argsort(descending=True, stable=True)[:count].tolist()
+    worst = found.pair_error.argsort(descending=True, stable=True)[:count].tolist()
     pairs = [
         Pair(f"Worst pair {rank}", pair % len(btf.light), pair // len(btf.light))
         for rank, pair in enumerate(worst, start=1)

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from ..data import BTF
 from ..geometry.directions import direction_pairs
+from ..model.lookup import SparseWeights
 from ..model.relief import Relief
 from ..model.spmm import SPMM
 from ..runtime.memory import slices
@@ -63,6 +64,17 @@ class Tabulated:
         """The tables for lights `[L, 3]` and views `[V, 3]`."""
         light, view = light.to(model.light), view.to(model.view)
         wi, wo = direction_pairs(light, view)
+        return cls._of(model, model.dictionary.eval_grid(light, view), wi, wo)
+
+    @classmethod
+    def of_pairs(cls, model: SPMM, wi: Tensor, wo: Tensor) -> Tabulated:
+        """The tables for a list of pairs of lights and views, `[D, 3]` each."""
+        wi, wo = wi.to(model.light), wo.to(model.view)
+        return cls._of(model, model.dictionary.eval(wi[None], wo[None]), wi, wo)
+
+    @classmethod
+    def _of(cls, model: SPMM, rho: Tensor, wi: Tensor, wo: Tensor) -> Tabulated:
+        """The tables, given values of lobes `[J, D]`."""
         clusters = torch.arange(model.cluster_count, device=wi.device)
         epsilon = [
             model.residual(part[:, None], wi[None], wo[None])
@@ -71,23 +83,27 @@ class Tabulated:
         functions = None
         if model.components is not None:
             functions = model.components.functions(wi, wo).transpose(0, 1).contiguous()
-        return cls(model, model.dictionary.eval_grid(light, view), torch.cat(epsilon), functions)
+        return cls(model, rho, torch.cat(epsilon), functions)
 
     def lobes(self, texels: slice, pairs: slice) -> Tensor:
         """The sum of the lobes of consecutive texels at consecutive pairs, `[n, d, C]`."""
         weights = self.model.sparse_weights
         offset = weights.offset[texels.start : texels.stop + 1]
         first, last = int(offset[0]), int(offset[-1])
-        index, weight = weights.index[first:last], weights.weight[first:last]
-        rho = self.rho[:, pairs].contiguous()
+        part = SparseWeights(offset - first, weights.index[first:last], weights.weight[first:last])
+        return self.lobes_of(part, pairs)
+
+    def lobes_of(self, entries: SparseWeights, pairs: slice) -> Tensor:
+        """The sum of the lobes of the texels of some entries at consecutive pairs, `[n, d, C]`."""
+        rho, offset = self.rho[:, pairs].contiguous(), entries.offset[:-1]
         planes = [
-            F.embedding_bag(index, rho, offset[:-1] - first, mode="sum", per_sample_weights=channel)
-            for channel in weight.T.contiguous()
+            F.embedding_bag(entries.index, rho, offset, mode="sum", per_sample_weights=channel)
+            for channel in entries.weight.T.contiguous()
         ]
         return torch.stack(planes, dim=-1)
 
-    def residual(self, texels: slice, pairs: slice) -> Tensor:
-        """The residual of consecutive texels at consecutive pairs, `[n, d, C]`."""
+    def residual(self, texels: slice | Tensor, pairs: slice) -> Tensor:
+        """The residual of texels at consecutive pairs, `[n, d, C]`."""
         total = self.epsilon[:, pairs][self.model.labels[texels]]
         if self.functions is None or self.model.components is None:
             return total

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
+from ..data.scattered_btf import ScatteredBTF
 from ..errors import DataError
 from ..geometry.neighbours import measured_alike
 from ..model.spmm import SPMM
@@ -82,6 +83,8 @@ def open_source(
     path = btf.path
     _check_size(btf, model, path, folder)
     views, lights = _seen(btf.view, model.view), _seen(btf.light, model.light)
+    if isinstance(btf, ScatteredBTF):  # any samples judge a model
+        return Source(folder, report, model, btf, views, lights)
     if views.sum() != len(model.view) or lights.sum() != len(model.light):
         raise DataError(
             f"{path} has {int(views.sum())} of the {len(model.view)} view directions and "

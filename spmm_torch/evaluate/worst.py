@@ -15,9 +15,8 @@ from .sums import SquaredErrors
 LISTED = 10
 
 
-def worst_texels(errors: SquaredErrors, width: int) -> list[dict[str, Any]]:
-    """The texels with the largest squared errors, worst first."""
-    energy, error = errors.texel_energy, errors.texel_error
+def worst_texels(energy: Tensor, error: Tensor, width: int) -> list[dict[str, Any]]:
+    """The texels with the largest of squared errors `[T]`, worst first; energy of all `[T]`."""
     return [
         {"x": texel % width, "y": texel // width, **_part(energy, error, texel)}
         for texel in _largest(error)
@@ -30,7 +29,7 @@ def worst_pairs(errors: SquaredErrors, btf: BTF, fitted: Tensor) -> list[dict[st
     rows = []
     for pair in _largest(error):
         view, light = divmod(pair, len(btf.light))
-        directions = {"light": _degrees(btf.light[light]), "view": _degrees(btf.view[view])}
+        directions = {"light": degrees(btf.light[light]), "view": degrees(btf.view[view])}
         rows.append({**directions, **_part(errors.energy, error, pair)})
     return rows
 
@@ -48,7 +47,8 @@ def _part(energy: Tensor, error: Tensor, index: int) -> dict[str, float | None]:
     return {"snr_db": snr, "error_share": of_error / float(error.sum())}
 
 
-def _degrees(direction: Tensor) -> dict[str, float]:
+def degrees(direction: Tensor) -> dict[str, float]:
+    """Polar angle and azimuth of a direction `[3]`, in degrees."""
     x, y, z = direction.double().cpu().unbind()
     polar = torch.rad2deg(torch.atan2(torch.hypot(x, y), z))
     azimuth = torch.rad2deg(torch.atan2(y, x)) % 360.0

@@ -31,9 +31,7 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
         ConfigError: the memory limit is too low.
     """
     weights = given_weights(btf, config.weights) if weights is None else weights
-    if context.state is not None and not context.depends_on:
-        facts = context.ranks.first(lambda: fingerprint(btf, config, weights))
-        context = replace(context, depends_on=key_of(facts))
+    context = keyed(context, btf, config, weights)
     plan = estimate(btf, config, context.device)
     budget = context.budget.needing(plan.working_bytes)
     cache = context.cache or (None if context.ranks.size == 1 else default_folder())
@@ -52,3 +50,15 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
         context.progress.say(told)
     compressive = compressive_weights(btf, objective, context.device, context.ranks)
     return Problem.build(btf, weights.times(compressive), config, context, objective, unit)
+
+
+def keyed(context: Context, btf: BTF, config: FitConfig, weights: Weights) -> Context:
+    """The context whose finished stages, if it keeps any, depend on the input and the settings.
+
+    Raises:
+        DataError: the input cannot be read any more.
+    """
+    if context.state is None or context.depends_on:
+        return context
+    facts = context.ranks.first(lambda: fingerprint(btf, config, weights))
+    return replace(context, depends_on=key_of(facts))

@@ -10,9 +10,10 @@ import torch
 from ..config.fit import FitConfig
 from ..data import BTF, obeying
 from ..data.error_weights import Weights
+from ..data.scattered_btf import ScatteredBTF
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
-from ..report.contract import Report
+from ..report.contract import Ablation, Report
 from ..report.summary import (
     summarize,
     warning_of_failed_starts,
@@ -30,6 +31,7 @@ from .mixtures import mix
 from .prune.ablation import ablate
 from .prune.auto import choose_models
 from .refit.stage import refit_pictures
+from .scattered.stage import fit_samples
 from .search.lobes import search_lobes
 from .select.together import fit_clusters
 
@@ -84,6 +86,8 @@ def fit(
     config = with_lobe_limit(config or FitConfig())
     context = context or Context.build(config.device, config.seed)
     btf = obeying(btf, config.data, config.seed)
+    if isinstance(btf, ScatteredBTF):
+        return _of_samples(btf, config, context)
     with torch.no_grad(), full_precision(), context.watch("total"):
         problem = align(load(btf, config, context, weights))
         clusters = cluster_texels(problem)  # §4.1, k-means
@@ -119,6 +123,35 @@ def fit(
     )
     info = {"labels": clusters.labels, "samples": samples.texels, "lobes_found": len(found.lobes)}
     return FitResult(model, figures, info, pictures)
+
+
+def _of_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> FitResult:
+    """The fit of scattered samples, without pictures."""
+    with torch.no_grad(), full_precision(), context.watch("total"):
+        found = fit_samples(btf, config, context)
+    if warning := warning_of_failed_starts(found.starts):
+        context.progress.say(warning)
+    figures = summarize(
+        btf,
+        found.model,
+        context,
+        totals=found.totals,
+        weighted=found.weighted,
+        objective=found.objective,
+        starts=found.starts,
+        solvers=found.solvers,
+        ablation=Ablation(),
+        auto=None,
+        mssim=None,
+        sharpness=None,
+        display=None,
+    )
+    info = {
+        "labels": found.model.labels,
+        "samples": found.samples,
+        "lobes_found": found.lobes_found,
+    }
+    return FitResult(found.model, figures, info)
 
 
 def _pictures(model: SPMM, btf: BTF, context: Context) -> Looks | None:

@@ -11,6 +11,7 @@ from torch import Tensor
 from ..config.fit import FitConfig
 from ..data import BTF
 from ..data.error_weights import Index, Weights
+from ..data.pair_lists import PairedBTF
 from ..geometry.directions import REPEAT
 from ..geometry.relief import HeightField
 from ..lobes.grid import DirectionGrid
@@ -77,6 +78,8 @@ class Problem:
         """The measured direction pairs, scaled by the square roots of their weights."""
         scale = self.weights.scale(self.device)
         horizon = math.radians(self.config.dictionary.horizon)
+        if isinstance(self.btf, PairedBTF):
+            return DirectionGrid.of_pairs(*self.btf.pairs(), self.device, scale, horizon)
         return DirectionGrid.build(self.btf.light, self.btf.view, self.device, scale, horizon)
 
     def signals(self, texels: Index) -> Tensor:

@@ -88,6 +88,11 @@ def angular_spacing(directions: Tensor) -> float:
     return float(torch.arccos(torch.cat(nearest).clamp(-1.0, 1.0)).median())
 
 
+def half_vectors(wi: Tensor, wo: Tensor) -> Tensor:
+    """Unit half vectors `[..., 3]` of directions `[..., 3]`."""
+    return torch.nn.functional.normalize(wi + wo, dim=-1)
+
+
 def normal_from_disk(disk: Tensor) -> Tensor:
     """Normals `[..., 3]` of points `[..., 2]` on Lambert's equal-area disk, |disk| <= 1.
 

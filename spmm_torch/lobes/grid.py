@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
 
 from ..brdf import REGISTRY
-from ..geometry.directions import angular_spacing
+from ..geometry.directions import angular_spacing, half_vectors
+from ..geometry.neighbours import nearest
 from .batch import CUDA_BLOCK, LobeBatch, decode, decoded
 from .jacobian import eval_with_jacobian
 from .ragged import in_spans
@@ -16,15 +18,18 @@ from .values import eval_models
 
 # Two lobes whose values correlate more than this count as the same lobe.
 SAME_LOBE = 0.999
+# Samples of a list that see the peak of the narrowest lobe, which by default (`search.min_width`)
+# is a quarter of the spacing.
+SEEN_BY, NARROWEST = 4, 0.25
 
 
 @dataclass(frozen=True)
 class DirectionGrid:
-    """All pairs of L lights and V views, d = view * L + light.
+    """All pairs of L lights and V views, d = view * L + light; or a list of D pairs.
 
     Attributes:
-        light: `[1, 1, L, 3]`.
-        view: `[1, V, 1, 3]`.
+        light: `[1, 1, L, 3]`, of a list `[1, 1, D, 3]`.
+        view: `[1, V, 1, 3]`, of a list `[1, 1, D, 3]`.
         scale: factor of all values, the square root of the weight of each pair, `[D]`; None: 1.
         horizon: of the lobes that `decode` gives, as in `LobeBatch`.
     """
@@ -47,6 +52,31 @@ class DirectionGrid:
         scale = None if scale is None else scale.to(device)
         return cls(light.to(device)[None, None], view.to(device)[None, :, None], scale, horizon)
 
+    @classmethod
+    def of_pairs(
+        cls,
+        wi: Tensor,
+        wo: Tensor,
+        device: torch.device,
+        scale: Tensor | None = None,
+        horizon: float = 0.0,
+    ) -> DirectionGrid:
+        """The list of the pairs of lights `[D, 3]` and views `[D, 3]`, scaled by `scale [D]`."""
+        scale = None if scale is None else scale.to(device)
+        return cls(wi.to(device)[None, None], wo.to(device)[None, None], scale, horizon)
+
+    @property
+    def is_list(self) -> bool:
+        """Whether each light has a view of its own."""
+        return self.view.shape[2] > 1
+
+    def part(self, pairs: slice) -> DirectionGrid:
+        """Some consecutive pairs of a list."""
+        scale = None if self.scale is None else self.scale[pairs]
+        return replace(
+            self, light=self.light[:, :, pairs], view=self.view[:, :, pairs], scale=scale
+        )
+
     @property
     def unscaled(self) -> DirectionGrid:
         """The same pairs without their weights."""
@@ -59,9 +89,23 @@ class DirectionGrid:
 
     @property
     def spacing(self) -> float:
-        """The smaller of the angles between neighbouring lights and neighbouring views."""
+        """The smaller of the angles between neighbouring lights and neighbouring views.
+
+        That of a list is such that a quarter of it reaches from half vectors to their 4th
+        neighbours: a lobe of this width is seen by so many samples.
+        """
+        if self.is_list:
+            return self._spacing_of_list()
         sets = self.light[0, 0], self.view[0, :, 0]
         return min(angular_spacing(directions.cpu()) for directions in sets)
+
+    def _spacing_of_list(self) -> float:
+        """Median over all half vectors, at most pi / 2."""
+        half = half_vectors(self.light[0, 0], self.view[0, 0])
+        count = min(SEEN_BY + 1, len(half))  # with itself
+        chord = nearest(half, half, count)[0][:, -1].median()
+        angle = 2.0 * math.asin(min(1.0, 0.5 * float(chord)))
+        return min(angle / NARROWEST, 0.5 * math.pi)
 
     def decode(self, model: Tensor, coordinates: Tensor) -> LobeBatch:
         """Lobes of `model [J]` at search coordinates `[J, COORDINATES]`, with this horizon."""
@@ -82,6 +126,8 @@ class DirectionGrid:
 
     def at(self, pairs: Tensor) -> tuple[Tensor, Tensor]:
         """Directions (wi, wo), both `[..., 3]`, of pair indices `[...]`."""
+        if self.is_list:
+            return self.light[0, 0][pairs], self.view[0, 0][pairs]
         lights = self.light.shape[2]
         light = self.light[0, 0][pairs % lights]
         view = self.view[0, :, 0][torch.div(pairs, lights, rounding_mode="floor")]

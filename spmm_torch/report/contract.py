@@ -196,7 +196,7 @@ class Report:
     psnr_peak: float
     psnr_db: PSNR
     snr_db: SNR
-    weighted_snr_db: dict[str, float] | None
+    weighted_snr_db: dict[str, float | None] | None
     mssim: MSSIM
     sharpness: Sharpness
     display: Display

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from ..data import BTF
+from ..data.scattered_btf import ScatteredBTF
 from ..geometry.directions import direction_from_angles, hemisphere_spiral
 from ..geometry.grazing import grazing_fade, lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation
@@ -31,6 +32,7 @@ MOST_DRAWN = 48
 SLICE_LIGHTS = (30.0, 60.0)
 # Angle from the plane of incidence within which a sample is shown as one of it.
 IN_PLANE = math.radians(2.0)
+ONE_LIGHT = 1e-3  # angle in radians that rounding makes of a light and itself
 SLICE_ANGLES = 179  # of the curves, one a degree
 ALBEDO_ANGLES = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # of the view, in degrees
 ALBEDO_AZIMUTHS, ALBEDO_SAMPLES = 4, 512
@@ -112,10 +114,7 @@ def material_section(model: SPMM, btf: BTF) -> Materials:
 @torch.no_grad()
 def _beside(model: SPMM, btf: BTF, texel: int) -> tuple[Tensor, Tensor, Tensor]:
     """Samples, lobes and whole model at the measured pairs of a texel, each `[D', C]` float64."""
-    wi, wo = btf.pairs()
-    kept = slice(None) if btf.measured is None else btf.measured
-    wi, wo = wi[kept], wo[kept]
-    samples = btf.texels(torch.tensor([texel]))[0][kept]
+    wi, wo, samples = btf.samples(texel)
     return (
         samples.double(),
         _values(model, texel, wi, wo, residual=False).double(),
@@ -153,11 +152,11 @@ def _slice(model: SPMM, btf: BTF, texel: int, light: int) -> Chart:
     wi, up = btf.light[light], torch.tensor([0.0, 0.0, 1.0])
     flat = torch.stack((wi[0], wi[1], torch.zeros(())))
     away = -flat / flat.norm() if float(flat.norm()) > 0.0 else torch.tensor([1.0, 0.0, 0.0])
-    inside = (btf.view @ torch.linalg.cross(up, away)).abs() < math.sin(IN_PLANE)
-    if btf.missing is not None:
-        inside &= ~btf.missing[:, light]
-    measured = btf.texels(torch.tensor([texel]))[0].unflatten(0, (len(btf.view), -1))[inside, light]
-    angle = torch.atan2(btf.view[inside] @ away, btf.view[inside, 2])
+    lit, wo, values = btf.samples(texel)
+    own = (lit - wi).norm(dim=1) < _near(btf)
+    inside = own & ((wo @ torch.linalg.cross(up, away)).abs() < math.sin(IN_PLANE))
+    measured, seen = values[inside], wo[inside]
+    angle = torch.atan2(seen @ away, seen[:, 2])
     curve = torch.linspace(-89.0, 89.0, SLICE_ANGLES).deg2rad()
     wo = curve.sin()[:, None] * away + curve.cos()[:, None] * up
     series = [_radii(MEASURED, angle, measured, joined=False)]
@@ -167,6 +166,11 @@ def _slice(model: SPMM, btf: BTF, texel: int, light: int) -> Chart:
     tilt = math.atan2(float(wi @ away), float(wi[2]))
     title = f"Light at {math.degrees(-tilt):.0f}°"
     return Chart(title, polar_plot(series, title, tilt), f"light {angles(wi)}")
+
+
+def _near(btf: BTF) -> float:
+    """Angle from the light of a slice within which a sample is shown as one of it, in radians."""
+    return IN_PLANE if isinstance(btf, ScatteredBTF) else ONE_LIGHT
 
 
 def _radii(name: str, angle: Tensor, values: Tensor, *, joined: bool) -> Series:
@@ -180,9 +184,9 @@ def _radii(name: str, angle: Tensor, values: Tensor, *, joined: bool) -> Series:
 
 
 def _albedo(model: SPMM, btf: BTF, texel: int) -> Chart:
-    polar, measured = _measured_albedo(btf, texel)
-    angles = torch.tensor(ALBEDO_ANGLES)
-    series = [_over_angle(MEASURED, polar, measured, joined=False)]
+    angles, series = torch.tensor(ALBEDO_ANGLES), []
+    if not isinstance(btf, ScatteredBTF):
+        series.append(_over_angle(MEASURED, *_measured_albedo(btf, texel), joined=False))
     for name in (LOBES, WHOLE):
         found = _model_albedo(model, texel, angles, residual=name == WHOLE)
         series.append(_over_angle(name, angles, found, joined=True))

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..data import BTF
+from ..data.scattered_btf import ScatteredBTF
 from ..model.spmm import SPMM
 from . import wording
 from .charts import Bar, bar_chart
@@ -32,7 +33,7 @@ class ReportPage:
         report: the content of `report.json`.
         btf: that was fitted.
         sections: shown first.
-        slices: original and model at some direction pairs; None for materials.
+        slices: original and model at some direction pairs; None where the input has no pictures.
         maps: clusters and lobes of the model; None for materials.
         materials: texels that are no texture; None for a texture.
     """
@@ -43,6 +44,14 @@ class ReportPage:
     slices: Gallery | None = None
     maps: Maps | None = None
     materials: Materials | None = None
+
+    @property
+    def measured(self) -> str:
+        """Under what the texels were measured."""
+        if isinstance(self.btf, ScatteredBTF):
+            count = self.btf.value_count // self.btf.channels
+            return f"{count:,} scattered samples (no grid, so neither a residual nor a relief)"
+        return f"{len(self.btf.light)} lights × {len(self.btf.view)} views"
 
     @property
     def gain_db(self) -> float | None:
@@ -107,9 +116,11 @@ def write_html(
     """
     check_report(report)
     relief = relief_gallery(model, btf)
+    has_pictures = not isinstance(btf, ScatteredBTF)
     sections = sections if relief is None else (relief, *sections)
     if are_materials(btf):
         page = ReportPage(report, btf, sections, materials=material_section(model, btf))
     else:
-        page = ReportPage(report, btf, sections, slice_gallery(model, btf), model_maps(model))
+        slices = slice_gallery(model, btf) if has_pictures else None
+        page = ReportPage(report, btf, sections, slices, model_maps(model))
     path.write_text(render_template("report.html.j2", page), encoding="utf-8")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 from dataclasses import asdict, fields
@@ -68,11 +69,12 @@ def summarize(
         mssim: of the sphere pictures; None without pictures.
         sharpness, display: of slices; None without pictures.
     """
-    count = btf.texel_count * btf.measured_count * btf.channels
+    count = btf.value_count
     peak = btf.peak()
     sizes = Sizes(**model.byte_counts())
     seconds = {each.name: context.watch.seconds.get(each.name, 0.0) for each in fields(Seconds)}
     errors = (totals.without_residual, totals.with_residual)
+    known = {name: value for name, value in totals.snr_db().items() if not math.isnan(value)}
     return Report(
         input=os.path.abspath(btf.path) if btf.path else btf.name,
         texels=btf.texel_count,
@@ -87,8 +89,8 @@ def summarize(
         compression_ratio=btf.raw_bytes / sizes.total,
         psnr_peak=peak,
         psnr_db=PSNR(*(psnr_db(peak, error, count) for error in errors)),
-        snr_db=SNR(**totals.snr_db()),
-        weighted_snr_db=weighted.snr_db() if weighted else None,
+        snr_db=SNR(**known),
+        weighted_snr_db=_weighted(weighted) if weighted else None,
         mssim=MSSIM(**mssim) if mssim else MSSIM(),
         sharpness=sharpness or Sharpness(),
         display=display or Display(),
@@ -105,6 +107,11 @@ def summarize(
         seed=context.seed,
         versions=versions(),
     )
+
+
+def _weighted(totals: Totals) -> dict[str, float | None]:
+    """SNR by weight; None where there is no such figure."""
+    return {name: None if math.isnan(x) else x for name, x in totals.snr_db().items()}
 
 
 def failed_starts(starts: Tensor) -> FailedStarts:
@@ -137,10 +144,10 @@ def warning_of_narrow_lobes(objective: ObjectiveFigures) -> str | None:
 def headline(report: Report) -> str:
     """The result in one line, and what pictures show in two more where there are any."""
     snr = report.snr_db
+    means = "" if snr.cluster_mean is None else f" (bare cluster means {snr.cluster_mean:.2f} dB)"
     line = (
         f"SNR {snr.without_residual:.2f} dB without residual, {snr.with_residual:.2f} dB "
-        f"with it (bare cluster means {snr.cluster_mean:.2f} dB), "
-        f"{report.mean_basis_per_texel:.1f} lobes a texel, "
+        f"with it{means}, {report.mean_basis_per_texel:.1f} lobes a texel, "
         f"{report.compression_ratio:.0f} times smaller, {report.seconds.total:.1f} s"
     )
     return "\n".join([line, *picture_lines(report.sharpness, report.display)])

@@ -2,7 +2,8 @@
 
 The seven of `tests/glossy.py` on both grids, as fits of four lobes with the default settings,
 beside one GGX and a Lambertian by least squares. `--only NAME` takes one, `--grid 81` one grid,
-and `--set KEY=VALUE` other settings. Needs the test data.
+and `--set KEY=VALUE` other settings. With `--apart` they are fit to scattered samples, half of the
+random pairs that the others are judged by, and judged by the other half. Needs the test data.
 """
 
 from __future__ import annotations
@@ -37,8 +38,15 @@ def main() -> None:
     parser.add_argument("--only", action="append", metavar="NAME", help="this one; repeatable")
     parser.add_argument("--grid", type=int, action="append", choices=GRIDS)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--apart", action="store_true", help="fit to scattered samples")
     options = parser.parse_args()
     config = FOUR_LOBES.override(options.set)
+    if options.apart:
+        for name in options.only or material_names():
+            btf, own = material(name, GRIDS[0]).apart()
+            model = fit(btf, config, render=False).model
+            print(row(f"{name} apart", figures(own, of_model(model))), flush=True)
+        return
     for grid in options.grid or GRIDS:
         for name in options.only or material_names():
             own = material(name, grid)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
+from ...geometry.directions import half_vectors
 from ...lobes.batch import LobeBatch
 from ...lobes.grid import DirectionGrid
 from ...lobes.sampling import specular_mask
@@ -43,7 +44,7 @@ def centred(
         own = lobes[index]
         before, pair = plain.eval(own).max(1)
         wi, wo = grid.at(pair)
-        half = torch.nn.functional.normalize(wi + wo, dim=-1)
+        half = half_vectors(wi, wo)
         moved = replace(own, normal=half)
         after = moved.eval(wi[:, None], wo[:, None]).squeeze(1)
         higher = after >= before

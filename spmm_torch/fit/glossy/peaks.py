@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ...geometry.directions import half_vectors
 from ...lobes.grid import DirectionGrid
 
 # Reflectance along the normal of dielectrics (index 1.5) and of bright metals.
@@ -77,7 +78,7 @@ def peak_pairs(grid: DirectionGrid, width: float) -> Tensor:
 def _half_vectors(grid: DirectionGrid) -> Tensor:
     """Half vectors of all pairs, `[D, 3]`."""
     wi, wo = grid.at(torch.arange(grid.pair_count, device=grid.light.device))
-    return torch.nn.functional.normalize(wi + wo, dim=-1)
+    return half_vectors(wi, wo)
 
 
 def _of_sample(value: Tensor, half: Tensor, incidence: Tensor, width: float) -> Unresolved | None:

@@ -22,6 +22,7 @@ from torch import Tensor
 from ...data import BTF
 from ...data.blocks import block_texels
 from ...data.error_weights import Weights
+from ...data.pair_lists import PairedBTF
 from ...runtime.memory import slices
 from ...runtime.ranks import ALONE, Ranks
 from ..glossy.objective import Objective
@@ -30,6 +31,8 @@ from ..glossy.objective import Objective
 EXPONENTS = {"cube-root": 4.0 / 3.0, "log": 2.0}
 # Fraction of the typical value that is added to all values: darker ones count as black.
 DARK = 0.1
+# Least part of the mean that is typical of scattered samples.
+LEAST_TYPICAL = 1e-3
 
 
 def compressive_weights(
@@ -40,15 +43,27 @@ def compressive_weights(
         return Weights(measured=btf.measured)
     size = mean_values(btf, device, ranks)  # [D]
     measured = torch.ones(len(size), dtype=torch.bool) if btf.measured is None else btf.measured
-    dark = DARK * size[measured].clamp(min=0.0).pow(1.0 / 3.0).mean() ** 3
     size = size.clamp(min=0.0)
+    dark = DARK * _typical(size[measured], isinstance(btf, PairedBTF))
     if objective.error == "balanced":
         pair = _balanced(size, dark, measured)
     else:
         pair = (size + dark) ** -EXPONENTS[objective.error]
     if objective.pair is not None:
         pair = pair * objective.pair
-    return Weights.build(btf, pair.view(len(btf.view), len(btf.light)))
+    return Weights.build(btf, pair.view(btf.pair_shape))
+
+
+def _typical(size: Tensor, listed: bool) -> Tensor:
+    """The typical one of mean values of pairs `[D]`: the cube of the mean of their cube roots.
+
+    Scattered samples may lie densely about a highlight, which would make it typical: there it is
+    the lower quartile, unless most samples are as good as black.
+    """
+    mean = size.pow(1.0 / 3.0).mean() ** 3
+    if not listed:
+        return mean
+    return size.kthvalue(1 + len(size) // 4).values.clamp(min=LEAST_TYPICAL * float(mean))
 
 
 def _balanced(size: Tensor, dark: Tensor, measured: Tensor) -> Tensor:
