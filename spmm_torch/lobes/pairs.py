@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from .batch import CPU_BLOCK, CUDA_BLOCK, LobeBatch
-from .ragged import stable_order
+from .ragged import ranges, stable_order
 from .values import eval_model
 
 # Bounds of the length of a row: short rows repeat the work of a lobe, long rows need more padding.
@@ -28,8 +28,8 @@ class PairRows:
 
     Attributes:
         lobe: lobe of each row, `[G]`, sorted by model.
-        query: query of each place, `[G, S]`.
-        place: position of each pair among the G * S places, `[N]`.
+        query: query of each place, `[G, S]` whole numbers.
+        place: position of each pair among the G * S places, `[N]` whole numbers.
     """
 
     lobe: Tensor
@@ -39,26 +39,52 @@ class PairRows:
     @classmethod
     def build(cls, model: Tensor, lobe: Tensor, query: Tensor) -> PairRows:
         """Rows of pairs `lobe [N]`, `query [N]` of lobes of `model [J]`."""
-        by_model = torch.argsort(model, stable=True)  # [J]
-        rank = torch.empty_like(by_model)
-        rank[by_model] = torch.arange(len(rank), device=rank.device)
+        by_model, rank = _ranked(model)
         key = rank.index_select(0, lobe)  # [N]
         order = stable_order(key, len(rank))
-        count = torch.bincount(key, minlength=len(rank))  # [J], in the order of the models
-        length = _row_length(len(lobe), int((count > 0).sum()))
-        rows = (count + length - 1).div(length, rounding_mode="floor")  # [J]
-        pair_start, row_start = count.cumsum(0) - count, rows.cumsum(0) - rows
-        owner = torch.repeat_interleave(rows)  # [G]
-        row = torch.arange(len(owner), device=owner.device) - row_start[owner]
-        first = pair_start[owner] + length * row
-        last = (pair_start + count - 1)[owner]
-        step = torch.arange(length, device=owner.device)
-        pair = torch.minimum(first[:, None] + step, last[:, None])  # [G, S]
-        shift = (row_start * length - pair_start).index_select(0, key)
+        count = torch.bincount(key, minlength=len(rank))
+        rows, pair, shift = _cut(by_model, count)
         number = torch.arange(len(order), device=order.device)
-        place = torch.empty_like(order).scatter_(0, order, number)
+        place = torch.empty_like(order).scatter_(0, order, number) + shift.index_select(0, key)
         in_order = query.index_select(0, order).index_select(0, pair.flatten())
-        return cls(by_model[owner], in_order.view_as(pair), place + shift)
+        return cls(rows, in_order.view_as(pair), place)
+
+    @classmethod
+    def of_lists(
+        cls, model: Tensor, lobe: Tensor, count: Tensor, queries: Tensor
+    ) -> tuple[PairRows, Tensor]:
+        """The rows of `build` for queries that share lists of lobes: entries are sorted, not pairs.
+
+        Args:
+            model: of the lobes, `[J]`.
+            lobe: of each entry, list after list, `[E]`.
+            count: entries of each list, `[B]`.
+            queries: number of consecutive queries that share it, `[B]`.
+
+        Returns:
+            (rows of all pairs, query by query; entry of each pair `[N]` int32).
+        """
+        by_model, rank = _ranked(model)
+        owner = torch.repeat_interleave(count)  # [E]
+        key = rank.index_select(0, lobe)
+        order = stable_order(key, len(rank))
+        rows, pair, shift = _cut(
+            by_model, torch.zeros_like(rank).index_add(0, key, queries.index_select(0, owner))
+        )
+        first_query = queries.cumsum(0) - queries  # [B]
+        sorted_owner = owner.index_select(0, order)
+        length = queries.index_select(0, sorted_owner)
+        start = length.cumsum(0) - length  # of the pairs of each entry, sorted by lobe
+        to_query = (first_query.index_select(0, sorted_owner) - start).int()
+        run = torch.repeat_interleave(length.int())  # [N]
+        number = torch.arange(len(run), dtype=torch.int32, device=run.device)
+        in_order = (number + to_query.index_select(0, run)).index_select(0, pair.flatten())
+        to_place = torch.empty_like(to_query).scatter_(0, order, -to_query)
+        to_place += shift.index_select(0, key).int()
+        of_query = torch.repeat_interleave(queries)  # [Q]
+        first = (count.cumsum(0) - count).int().index_select(0, of_query)
+        query, entry = ranges(first, count.int().index_select(0, of_query))
+        return cls(rows, in_order.view_as(pair), query + to_place.index_select(0, entry)), entry
 
     def spread(self, parts: list[Tensor]) -> Tensor:
         """Values `[N]` of the pairs, given those of the rows in blocks `[g, S]`."""
@@ -100,9 +126,15 @@ def eval_pairs(
     Returns:
         `[N]`, in 1/sr.
     """
-    if not len(lobe):
+    return eval_rows(lobes, PairRows.build(lobes.model, lobe, query), wi, wo, block)
+
+
+def eval_rows(
+    lobes: LobeBatch, rows: PairRows, wi: Tensor, wo: Tensor, block: int | None = None
+) -> Tensor:
+    """`eval_pairs` of pairs in rows, `[N]`."""
+    if not len(rows.place):
         return wi.new_zeros(0)
-    rows = PairRows.build(lobes.model, lobe, query)
     wi, wo = wi.T.contiguous(), wo.T.contiguous()  # [3, Q]
     parts = []
     for model, part in rows.blocks(lobes.model, block):
@@ -119,9 +151,39 @@ def eval_pairs(
 
 def gather(components: Tensor, index: Tensor) -> Tensor:
     """Directions `[G, S, 3]` of `components [3, Q]` at `index [G, S]`, by contiguous components."""
-    flat = index.flatten()
-    picked = torch.stack([part.index_select(0, flat) for part in components])
+    picked = components.index_select(1, index.flatten())
     return picked.view(3, *index.shape).movedim(0, -1)
+
+
+def _ranked(model: Tensor) -> tuple[Tensor, Tensor]:
+    """Lobes `[J]` in the order of their `model [J]`, and the rank of each in it, `[J]`."""
+    by_model = torch.argsort(model, stable=True)
+    number = torch.arange(len(model), device=model.device)
+    return by_model, torch.empty_like(by_model).scatter_(0, by_model, number)
+
+
+def _cut(by_model: Tensor, count: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Rows of pairs that are sorted by lobe.
+
+    Args:
+        by_model: lobes in the order of their models, `[J]`.
+        count: pairs of each of them, `[J]`.
+
+    Returns:
+        (lobe of each row `[G]`; number among the sorted of each pair `[G, S]` int32; what leads from
+        that number to the place in the rows, `[J]`).
+    """
+    total, used = torch.stack((count.sum(), (count > 0).sum())).tolist()
+    length = _row_length(total, used)
+    rows = (count + length - 1).div(length, rounding_mode="floor")  # [J]
+    pair_start, row_start = count.cumsum(0) - count, rows.cumsum(0) - rows
+    owner = torch.repeat_interleave(rows)  # [G]
+    row = torch.arange(len(owner), device=owner.device) - row_start[owner]
+    first = (pair_start[owner] + length * row).int()
+    last = (pair_start + count - 1)[owner].int()
+    step = torch.arange(length, dtype=torch.int32, device=owner.device)
+    pair = torch.minimum(first[:, None] + step, last[:, None])
+    return by_model[owner], pair, row_start * length - pair_start
 
 
 def _row_length(pairs: int, lobes: int) -> int:

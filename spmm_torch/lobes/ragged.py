@@ -79,8 +79,9 @@ def ranges(start: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
     """All numbers from start[i] to start[i] + count[i] - 1, in order: (i `[N]`, number `[N]`).
 
     Args:
-        start, count: of the ranges, `[R]` long.
+        start, count: of the ranges, `[R]` whole numbers, whose type the results have.
     """
     owner = torch.repeat_interleave(count)
-    shift = start - (count.cumsum(0) - count)
-    return owner, torch.arange(len(owner), device=owner.device) + shift.index_select(0, owner)
+    shift = start - (count.cumsum(0, dtype=count.dtype) - count)
+    number = torch.arange(len(owner), dtype=owner.dtype, device=owner.device)
+    return owner, number + shift.index_select(0, owner)

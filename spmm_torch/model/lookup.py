@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn.functional import embedding_bag
 
 from ..lobes.batch import LobeBatch
-from ..lobes.pairs import eval_pairs
+from ..lobes.pairs import PairRows, eval_rows
 from ..lobes.ragged import COUNTED, ranges, run_starts, stable_order
 
 
@@ -89,16 +89,19 @@ class TexelBlocks:
 
         Args:
             lobes: the dictionary.
-            block: block of each query, `[Q]`.
+            block: block of each query, ascending, `[Q]`.
             bilinear: weights of its four texels, `[Q, 4]`.
             wi, wo: directions, `[Q, 3]`.
         """
-        start, count = (x.index_select(0, block) for x in (self.start, self.count))
-        query, entry = ranges(start, count)  # [N]
-        rho = eval_pairs(lobes, self.lobe.index_select(0, entry), query, wi, wo)
-        table = self.weight.flatten(1)  # [M, 4 C]
-        first = count.cumsum(0) - count
-        rho = rho.to(table.dtype)
+        asked, queries = torch.unique_consecutive(block, return_counts=True)
+        count = self.count.index_select(0, asked)
+        _, listed = ranges(self.start.index_select(0, asked), count)
+        lobe = self.lobe.index_select(0, listed)
+        rows, entry = PairRows.of_lists(lobes.model, lobe, count, queries)
+        table = self.weight.index_select(0, listed).flatten(1)  # [E, 4 C]
+        rho = eval_rows(lobes, rows, wi, wo).to(table.dtype)
+        pairs = torch.repeat_interleave(count.int(), queries)  # [Q]
+        first = pairs.cumsum(0, dtype=torch.int32) - pairs
         sums = embedding_bag(entry, table, first, mode="sum", per_sample_weights=rho)  # [Q, 4 C]
         return (sums.unflatten(1, (4, -1)) * bilinear[..., None]).sum(dim=1)  # Eq. (2)
 

@@ -14,20 +14,16 @@ from ..geometry.directions import CLAMP, REPEAT, RULES, texel_at
 from ..geometry.grazing import held_view, lowest_cosine
 from ..geometry.relief import steepest, texel_centres
 from ..lobes.batch import LobeBatch
-from ..lobes.ragged import stable_order
 from ..lobes.sampling import LobeTable, lobe_intensity, specular_mask
 from ..runtime import tensor_file
 from ..runtime.atomic import write_atomic
 from ..runtime.device import full_precision, plain_torch
-from . import bounds, dense, file, sampling
+from . import bounds, dense, file, ragged, sampling
 from .components import Components, changes
-from .lookup import SparseWeights, TexelBlocks, blocks_met
+from .lookup import SparseWeights
 from .queries import check_queries
 from .relief import STEEPEST, Relief
 from .residual import Residual
-
-# (query, lobe) entries that are evaluated at once: some MB, which the caches of a CPU hold.
-EVALUATED_ENTRIES = 1 << 18
 
 
 class SPMM(nn.Module):
@@ -101,6 +97,7 @@ class SPMM(nn.Module):
         self._wrap: str | None = None
         self._sampling: tuple[tuple[object, ...], sampling.SamplingData] | None = None
         self._dense: tuple[tuple[object, ...], dense.DenseTables] | None = None
+        self.kept_blocks: ragged.KeptBlocks | None = None
         self._keep_structure()
         self.register_load_state_dict_post_hook(SPMM._keep_structure)
 
@@ -309,7 +306,9 @@ class SPMM(nn.Module):
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         wo = self.held_view(wo)
         if traced if padded is None else padded:
-            value = dense.values(self, uv, wi, wo, residual=residual, block=EVALUATED_ENTRIES)
+            value = dense.values(
+                self, uv, wi, wo, residual=residual, block=ragged.EVALUATED_ENTRIES
+            )
         else:
             value = self._ragged(uv, wi, wo, residual)
         return value.view(*shape, self.weight.shape[1])
@@ -324,7 +323,7 @@ class SPMM(nn.Module):
     @full_precision()
     def _ragged(self, uv: Tensor, wi: Tensor, wo: Tensor, residual: bool) -> Tensor:
         """`forward` of queries `[Q, 2]` and `[Q, 3]` by ragged lists, `[Q, C]`."""
-        return self._mixed(*self.texels_seen(uv, wo), wi, wo, residual=residual)
+        return ragged.values(self, *self.texels_seen(uv, wo), wi, wo, residual=residual)
 
     def padded_tables(self) -> dense.DenseTables:
         """The entries of all texels with padding, kept as long as they are the same.
@@ -347,6 +346,7 @@ class SPMM(nn.Module):
         """Moves and makes anew what is kept beside parameters and buffers."""
         super()._apply(fn, recurse)
         self._keep_structure()
+        self.kept_blocks = None
         return self
 
     def _keep_structure(self, *_: object) -> None:
@@ -378,7 +378,7 @@ class SPMM(nn.Module):
         texel, bilinear = self.texels_seen(uv, wo)
         with torch.no_grad():
             wi, density = sampling.sample(self.sampling_data(), texel, bilinear.detach(), wo, u)
-        rgb = self._mixed(texel, bilinear, wi, wo, residual=True)
+        rgb = ragged.values(self, texel, bilinear, wi, wo, residual=True)
         return wi.view(*shape, 3), rgb.view(*shape, rgb.shape[1]), density.view(shape)
 
     @full_precision()
@@ -437,45 +437,6 @@ class SPMM(nn.Module):
             return texel_at(uv, self.height, self.width, self.rule)
         field = self.relief.field(self.height, self.width, self.view, self.rule)
         return texel_at(field.hit(uv, wo), self.height, self.width, self.rule)
-
-    def _mixed(
-        self, texel: Tensor, bilinear: Tensor, wi: Tensor, wo: Tensor, *, residual: bool
-    ) -> Tensor:
-        """Values `[Q, C]` of texels `[Q, 4]` mixed by `bilinear [Q, 4]`; wi and wo `[Q, 3]`."""
-        block, corners = blocks_met(texel, self.texel_count)
-        counts = torch.ones_like(corners, dtype=torch.bool)
-        if not bilinear.requires_grad:  # its gradient needs texels of weight 0 too
-            counts = bilinear.new_zeros(corners.shape).index_add(0, block, bilinear) > 0.0
-        weight = self.weight.to(torch.promote_types(self.weight.dtype, wi.dtype))
-        entries = SparseWeights(self.offset, self.index, weight)
-        blocks = TexelBlocks.build(corners, counts, entries)
-        total = max(1, int(blocks.count[block].sum()))
-        size = max(1, len(texel) * EVALUATED_ENTRIES // total)
-        # Sorted by block, so that neighbours in memory read the same entries.
-        order = stable_order(block, len(corners))
-        queries = (x.index_select(0, order).split(size) for x in (block, bilinear, wi, wo))
-        parts = [
-            self._forward_part(blocks, *part, residual=residual)
-            for part in zip(*queries, strict=True)
-        ]
-        value = torch.cat(parts)
-        return torch.empty_like(value).index_copy(0, order, value)
-
-    def _forward_part(
-        self,
-        blocks: TexelBlocks,
-        block: Tensor,
-        bilinear: Tensor,
-        wi: Tensor,
-        wo: Tensor,
-        *,
-        residual: bool,
-    ) -> Tensor:
-        """`forward` of some queries: block `[Q]`, bilinear `[Q, 4]`, wi and wo `[Q, 3]`."""
-        total = blocks.sums(self.dictionary, block, bilinear, wi, wo)
-        if residual:
-            total = total + self.epsilon(blocks.texel[block], bilinear, wi, wo)  # Eq. (2)
-        return total
 
     def epsilon(self, texel: Tensor, weight: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """Weighted sums `[Q, C]` of the whole residual of texels `[Q, M]`, without lobes.

@@ -11,7 +11,7 @@ from torch import Tensor
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.lobes.batch import LobeBatch
-from spmm_torch.lobes.pairs import eval_pairs
+from spmm_torch.lobes.pairs import PairRows, eval_pairs
 from tests.planted.lobes import random_lobes
 
 LOBES, QUERIES = 19, 50
@@ -78,3 +78,19 @@ def test_gradients_are_those_of_single_lobes() -> None:
         gradients.append(torch.autograd.grad(value.square().sum(), (kappa, normal, wi, wo)))
     for found, expected in zip(*gradients, strict=True):
         torch.testing.assert_close(found, expected)
+
+
+def test_rows_of_shared_lists_are_those_of_their_pairs() -> None:
+    """Of lists that are empty, and of lists that no query shares."""
+    model = lobes().model
+    count = torch.tensor([3, 0, 5, 1, 4, 2])
+    queries = torch.tensor([4, 2, 0, 30, 1, 9])
+    generator = seeded(7)
+    lists = [torch.randperm(LOBES, generator=generator)[:n] for n in count.tolist()]
+    each = [own for own, n in zip(lists, queries.tolist(), strict=True) for _ in range(n)]
+    query = torch.cat([torch.full_like(own, q) for q, own in enumerate(each)])
+    expected = PairRows.build(model, torch.cat(each), query)
+    found, entry = PairRows.of_lists(model, torch.cat(lists), count, queries)
+    assert torch.equal(torch.cat(lists)[entry.long()], torch.cat(each))
+    for name in ("lobe", "query", "place"):
+        assert torch.equal(getattr(found, name).long(), getattr(expected, name)), name

@@ -12,7 +12,7 @@ from torch.func import functional_call, jacfwd, jacrev, jvp, vmap
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import MIRROR, direction_from_angles, ring_directions
-from spmm_torch.model import spmm as model_module
+from spmm_torch.model import ragged
 from spmm_torch.model.dense import DenseTables
 from tests.planted.directions import random_directions
 from tests.planted.models import planted_relief, uneven_model, with_components, with_relief
@@ -79,7 +79,7 @@ def test_single_precision_and_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     given = [part.float() for part in queries()]
     whole = model(*given, padded=True)
     torch.testing.assert_close(whole, model(*given), rtol=1e-4, atol=1e-5)
-    monkeypatch.setattr(model_module, "EVALUATED_ENTRIES", 300)
+    monkeypatch.setattr(ragged, "EVALUATED_ENTRIES", 300)
     torch.testing.assert_close(model(*given, padded=True), whole, rtol=1e-5, atol=1e-6)
 
 

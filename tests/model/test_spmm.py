@@ -12,7 +12,7 @@ from torch import Tensor
 from spmm_torch import SPMM, DataError, OutputError
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import direction_from_angles, ring_directions
-from spmm_torch.model import spmm as model_module
+from spmm_torch.model import ragged
 from spmm_torch.runtime import tensor_file
 from tests.planted.directions import random_directions
 from tests.planted.models import uneven_model, with_components
@@ -113,7 +113,7 @@ def test_shapes_broadcast(model: SPMM) -> None:
 def test_block_size_changes_nothing(model: SPMM, monkeypatch: pytest.MonkeyPatch) -> None:
     uv, wi, wo = all_centres(), directions(12, 1), directions(12, 2)
     whole = model(uv, wi, wo)
-    monkeypatch.setattr(model_module, "EVALUATED_ENTRIES", 1)
+    monkeypatch.setattr(ragged, "EVALUATED_ENTRIES", 1)
     torch.testing.assert_close(model(uv, wi, wo), whole)
 
 
