@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -13,9 +14,9 @@ from ..errors import DataError
 from ..model.components import Components
 from ..model.spmm import SPMM
 from . import mixture, tables
-from .arrays import index_array, is_jit, tensor
+from .arrays import SMALLEST, index_array, is_jit, tensor
 from .hemisphere import Mesh, Pairs
-from .libraries import dr
+from .libraries import dr, mi
 from .lobe import Lobes
 from .ray_walk import Walk
 from .residual import ByteResidual, Clusters, RankResidual, Residual, epsilons
@@ -60,6 +61,8 @@ class Material:
         if model.relief is not None:
             field = model.relief.field(model.height, model.width, model.view)
             self._walk = Walk.build(field)
+        uneven = model.relief is not None and bool(model.relief.height.any())
+        self._lowest_view = model.lowest_view if uneven else 0.0
         self._build()
 
     def update(self, names: Iterable[str] = ()) -> None:
@@ -98,7 +101,7 @@ class Material:
     def place(self, uv: Any, wo: Any) -> Place:
         """(block, bilinear weights) that the view wo shows at uv of the plane; v runs up."""
         if self._walk is not None:
-            uv = self._walk.hit(uv, wo)
+            uv = self._walk.hit(uv, self._held(wo))
         return block_at(uv, self.model.height, self.model.width, self.model.rule)
 
     def evaluated(
@@ -108,6 +111,7 @@ class Material:
 
         Both are 0 under the horizon; densities have no meaning without chances.
         """
+        wo = self._held(wo)
         total, densities = mixture.evaluated(
             self._lobes, self._entries, self._weights, place, chances, lights, wo
         )
@@ -123,11 +127,22 @@ class Material:
 
     def shares(self, place: Place, wo: Any) -> mixture.Shares:
         """The probabilities with which lobes are sampled at a place."""
-        return mixture.shares(self._sampled, self._specular, self._group, place, wo)
+        return mixture.shares(self._sampled, self._specular, self._group, place, self._held(wo))
 
     def sample(self, place: Place, chances: mixture.Shares, wo: Any, u: Sequence[Any]) -> Any:
         """wi in the upper hemisphere of three numbers u in [0, 1)."""
-        return mixture.sample(self._sampled, self._specular, place[0], chances, wo, u)
+        held = self._held(wo)
+        return mixture.sample(self._sampled, self._specular, place[0], chances, held, u)
+
+    def _held(self, wo: Any) -> Any:
+        """The view as it is shown: the twin of `geometry.grazing.held_view`."""
+        if self._lowest_view == 0.0:
+            return wo
+        low = (wo.z > 0.0) & (wo.z < self._lowest_view)
+        length = dr.sqrt(dr.maximum(wo.x * wo.x + wo.y * wo.y, SMALLEST))
+        planar = math.sqrt(1.0 - self._lowest_view**2) / length
+        turned = mi.Vector3f(planar * wo.x, planar * wo.y, self._lowest_view)
+        return dr.select(low, turned, wo)
 
     def _build(self) -> None:
         """The tables of the present parameters."""
