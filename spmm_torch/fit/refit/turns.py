@@ -33,9 +33,7 @@ from .setup import Setup
 from .sweep import Swept, sweep
 from .system import MAX_ROUNDING_DB, System
 
-# Number formats of functions and coefficients, the fewest bytes a texel first.
 BYTES, HALVES = torch.int8, torch.float16
-STORED_AS = ((BYTES, BYTES), (HALVES, BYTES), (HALVES, HALVES))
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ class Turns:
         left = max(self.system.error(entries.weight) - taken, 0.0)
         room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * left
         size = found.double().square().sum(0)  # [R]
-        for of_functions, of_coefficients in STORED_AS:
+        for of_functions, of_coefficients in ((BYTES, BYTES), (HALVES, BYTES), (HALVES, HALVES)):
             code, scale = encode_functions(functions, of_functions)
             rounding = (decode_functions(code, scale) - functions).double().square()
             coefficient = encode_coefficients(found, of_coefficients)
