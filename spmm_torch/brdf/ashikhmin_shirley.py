@@ -19,6 +19,7 @@ from .base import (
     half_vector,
     schlick_fresnel,
 )
+from .slopes import LocalPairs, Slopes, is_above
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 # Squared sine of the half vector angle under which the azimuth does not matter.
@@ -71,6 +72,32 @@ class AshikhminShirley(BRDF):
         facing = cos_theta_d * torch.maximum(cos_theta_i, cos_theta_o)
         value = scale * lobe * schlick_fresnel(f0, cos_theta_d) / facing
         return value * above_horizon(wi, wo)
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+        """See `BRDF.slopes`."""
+        (n_x, n_y, f0), (x, y, z) = kappa, pairs.half
+        (cos_theta_i, cos_theta_o), (fall_i, fall_o) = pairs.cosines, pairs.falls
+        log_cos_theta_h, x_squared, y_squared = pairs.log_cos_theta_h, x * x, y * y
+        inverse = (x_squared + y_squared).clamp_(min=PLANAR_EPS).reciprocal_()
+        x_share, y_share = x_squared.mul_(inverse), y_squared.mul_(inverse)
+        exponent = (n_x * x_share).addcmul_(n_y, y_share)
+        fresnel = pairs.angles.fresnel(f0)
+        scale = torch.sqrt((n_x + 1.0) * (n_y + 1.0)) / (8.0 * math.pi)
+        facing = torch.maximum(cos_theta_i, cos_theta_o).mul_(pairs.angles.cos_theta_d)
+        value = exp_of_negative(exponent * log_cos_theta_h).mul_(fresnel).div_(facing)
+        of_i = is_above(cos_theta_i, cos_theta_o)
+        turn = inverse.mul_(log_cos_theta_h).mul_(2.0)
+        return Slopes(
+            value.mul_(scale),
+            (
+                x_share.mul_(log_cos_theta_h).add_(0.5 / (n_x + 1.0)),
+                y_share.mul_(log_cos_theta_h).add_(0.5 / (n_y + 1.0)),
+                (1.0 - pairs.angles.grazing) / fresnel,
+            ),
+            of_i * fall_i,
+            (1.0 - of_i) * fall_o,
+            (turn * x * (n_x - exponent), turn * y * (n_y - exponent), exponent / z),
+        )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By visible half vectors of the anisotropic power [AS00, §3]; see `BRDF.sample`."""

@@ -7,9 +7,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import EllipsisType
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from .slopes import LocalPairs, Slopes
 
 INV_PI = 1.0 / math.pi
 # Least cosine in a denominator, 0.06 degrees above the horizon: lower than gonioreflectometers
@@ -50,6 +54,12 @@ class Parameter:
     def narrow_is_low(self) -> bool:
         """Whether small values make lobes narrow, of a parameter that sets the width."""
         return self.from_width is not None and self.from_width(2.0) > self.from_width(1.0)
+
+    def slope(self, value: Tensor) -> Tensor:
+        """d value / d unit of `from_unit`, `[...]`, at values `[...]` of low to high."""
+        if self.scale == "log":
+            return value * math.log(self.high / self.low)
+        return torch.full_like(value, self.high - self.low)
 
     def to_unit(self, value: Tensor) -> Tensor:
         """Values `[...]` of 0 to 1 from those of low to high, on the scale of the parameter."""
@@ -124,6 +134,13 @@ class BRDF(ABC):
         and gradients are finite everywhere. All three may be `Vectors`: they are read by their
         components, `wi[..., 2]`, and their shape, and in no other way.
         """
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes | None:
+        """f_r and its logarithmic derivatives, of P parameters `[J, ...]` at local pairs.
+
+        For speed alone: without them, None, derivatives are recorded.
+        """
+        return None
 
     @abstractmethod
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

@@ -17,6 +17,7 @@ from .base import (
     exp_of_negative,
     half_vector,
 )
+from .slopes import LocalPairs, Slopes
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
@@ -57,6 +58,19 @@ class BlinnPhong(BRDF):
         log_cos_theta_h = -0.5 * torch.log1p(h.planar_squared / (h.z * h.z))
         scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (torch.exp2(-0.5 * n) + n))
         return scale * exp_of_negative(n * log_cos_theta_h) * above_horizon(wi, wo)
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+        """See `BRDF.slopes`."""
+        (n,), log_cos_theta_h = kappa, pairs.log_cos_theta_h
+        fall = torch.exp2(-0.5 * n)
+        scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (fall + n))
+        growth = 1.0 / (n + 2.0) + 1.0 / (n + 4.0)
+        growth = growth - (1.0 - 0.5 * math.log(2.0) * fall) / (fall + n)
+        return Slopes(
+            exp_of_negative(n * log_cos_theta_h).mul_(scale),
+            (growth + log_cos_theta_h,),
+            half=(None, None, n / pairs.half[2]),
+        )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By visible half vectors spread as (n . h)^(n + 1); see `BRDF.sample`."""

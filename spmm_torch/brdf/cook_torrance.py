@@ -20,6 +20,7 @@ from .base import (
     half_vector,
     schlick_fresnel,
 )
+from .slopes import LocalPairs, Slopes, is_above
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
@@ -67,6 +68,30 @@ class CookTorrance(BRDF):
         scale = 0.25 * INV_PI / (alpha_squared * cos_theta_i)
         value = scale / cos_theta_o * beckmann * fresnel * groove.clamp(max=1.0)
         return value * above_horizon(wi, wo)
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+        """See `BRDF.slopes`."""
+        (alpha, f0), (x, y, z) = kappa, pairs.half
+        (cos_theta_i, cos_theta_o), (fall_i, fall_o) = pairs.cosines, pairs.falls
+        inverse, of_alpha = z.reciprocal(), 1.0 / (alpha * alpha)
+        squared = inverse * inverse
+        spread = (x * x).addcmul_(y, y).mul_(squared).mul_(of_alpha)  # tan^2 / alpha^2
+        sec_squared = squared.mul_(pairs.angles.length_squared)
+        fresnel = pairs.angles.fresnel(f0)
+        groove = z * torch.minimum(cos_theta_i, cos_theta_o)
+        groove.mul_(4.0 / pairs.angles.length_squared)
+        shadowed = is_above(groove.neg(), -1.0)
+        value = exp_of_negative(-spread).mul_(sec_squared).mul_(sec_squared).mul_(fresnel)
+        value.mul_(groove.clamp_(max=1.0)).mul_(0.25 * INV_PI * of_alpha / cos_theta_i)
+        by_i = is_above(cos_theta_o, cos_theta_i).mul_(shadowed)
+        along_z = (2.0 * of_alpha * sec_squared).sub_(4.0).add_(shadowed).mul_(inverse)
+        return Slopes(
+            value.div_(cos_theta_o),
+            ((spread - 1.0).mul_(2.0 / alpha), (1.0 - pairs.angles.grazing) / fresnel),
+            (1.0 - by_i) * fall_i,
+            (1.0 - shadowed).add_(by_i).mul_(fall_o),
+            (None, None, along_z),
+        )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By the distribution of visible normals [Heitz and d'Eon 2014]; see `BRDF.sample`."""

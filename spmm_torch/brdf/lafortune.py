@@ -12,6 +12,7 @@ from torch.nn.functional import normalize
 from ..geometry.directions import frame_from_normal
 from ..geometry.warp import square_to_power_cosine, square_to_power_cosine_pdf
 from .base import BRDF, Parameter, above_horizon, exp_of_negative
+from .slopes import LocalPairs, Slopes, is_above
 
 # Least base of the power, which is computed by the logarithm of the base.
 BASE_EPS = 1e-6
@@ -56,6 +57,27 @@ class Lafortune(BRDF):
         lobe = exp_of_negative(n * torch.log(base.clamp(min=BASE_EPS)))
         lit = above_horizon(wi, wo) * (base - BASE_EPS).detach().sign().clamp(min=0.0)
         return (n + 2.0) / (2.0 * math.pi) * lobe * lit
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+        """See `BRDF.slopes`."""
+        (c_xy, n), cosine = kappa, pairs.angles.cosine
+        z_i, z_o = pairs.wi[..., 2], pairs.wo[..., 2]
+        scale = 1.0 / c_xy.abs().clamp(min=1.0)
+        upright = (1.0 - c_xy) * scale
+        planar = torch.addcmul(cosine, z_i, z_o, value=-1.0)
+        base = torch.addcmul(c_xy * scale * cosine, upright * z_i, z_o)
+        lit = is_above(base, BASE_EPS)
+        base.clamp_(min=BASE_EPS)
+        log_base = torch.log(base)
+        value = exp_of_negative(n * log_base).mul_(lit).mul_((n + 2.0) / (2.0 * math.pi))
+        rise = n / base
+        beyond = (c_xy.abs() > 1.0) * c_xy.sign() * n * scale  # d log of the divisor
+        return Slopes(
+            value,
+            ((planar * scale).mul_(rise).sub_(beyond), 1.0 / (n + 2.0) + log_base),
+            rise * (upright * z_o),
+            rise * (upright * z_i),
+        )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By the cosine power about the lobe's axis; see `BRDF.sample`."""

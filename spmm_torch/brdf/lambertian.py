@@ -7,6 +7,7 @@ from torch import Tensor
 
 from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import BRDF, INV_PI, Parameter, above_horizon
+from .slopes import LocalPairs, Slopes
 
 
 class Lambertian(BRDF):
@@ -27,6 +28,10 @@ class Lambertian(BRDF):
         lit = above_horizon(wi, wo)
         shape = torch.broadcast_shapes(kappa.shape[:-1], lit.shape)
         return (INV_PI * lit).expand(shape)
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+        """See `BRDF.slopes`."""
+        return Slopes(torch.full_like(pairs.wi[..., 2] + pairs.wo[..., 2], INV_PI))
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By the cosine; see `BRDF.sample`."""

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import BRDF, INV_PI, Parameter, above_horizon, guarded_cosines
+from .slopes import LocalPairs, Slopes, is_above
 
 
 class OrenNayar(BRDF):
@@ -46,6 +47,28 @@ class OrenNayar(BRDF):
         planar = wi[..., 0] * wo[..., 0] + wi[..., 1] * wo[..., 1]
         swing = planar.clamp(min=0.0) / torch.maximum(cos_theta_i, cos_theta_o)
         return INV_PI * (a + b * swing) * above_horizon(wi, wo)
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+        """See `BRDF.slopes`."""
+        (sigma,), (cos_theta_i, cos_theta_o) = kappa, pairs.cosines
+        sigma_squared = sigma * sigma
+        near, far = 1.0 / (sigma_squared + 0.33), 1.0 / (sigma_squared + 0.09)
+        a, b = 1.0 - 0.5 * sigma_squared * near, 0.45 * sigma_squared * far
+        larger = torch.maximum(cos_theta_i, cos_theta_o)
+        z_i, z_o = pairs.wi[..., 2], pairs.wo[..., 2]
+        planar = torch.addcmul(pairs.angles.cosine, z_i, z_o, value=-1.0).clamp_(min=0.0)
+        inside = planar.sign()
+        swing = planar.div_(larger)
+        value = torch.addcmul(a, b, swing)
+        share = b / (value * larger)
+        of_i = is_above(cos_theta_i, cos_theta_o).mul_(swing)
+        rise = sigma * (0.09 * 0.9 * far * far * swing - 0.33 * near * near)
+        return Slopes(
+            value * INV_PI,
+            (rise / value,),
+            -share * torch.addcmul(of_i, inside, z_o),
+            -share * torch.addcmul(swing - of_i, inside, z_i),
+        )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By the cosine; see `BRDF.sample`."""

@@ -17,6 +17,7 @@ from .base import (
     guarded_cosines,
     half_vector,
 )
+from .slopes import LocalPairs, Slopes
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 
@@ -45,6 +46,7 @@ class Ward(BRDF):
     peak_shapes: tuple[tuple[float, ...], ...] = tuple((a, a) for a in NARROW_SLOPES)
     anisotropic = True
     reciprocal = True
+    foreshortening = 0.5  # power of 1 / cosine of each direction
 
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r in 1/sr; see `BRDF.eval`."""
@@ -55,6 +57,25 @@ class Ward(BRDF):
         scale = self._foreshortening(cos_theta_o) / (4.0 * math.pi * alpha_x * alpha_y)
         lobe = exp_of_negative(-slope) * scale * self._foreshortening(cos_theta_i)
         return lobe * above_horizon(wi, wo)
+
+    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+        """See `BRDF.slopes`."""
+        (alpha_x, alpha_y), (x, y, z) = kappa, pairs.half
+        inverse = z.square().reciprocal_()
+        x_slope, y_slope = (x / (alpha_x * alpha_x)).mul_(inverse), (y / alpha_y**2).mul_(inverse)
+        x_part, y_part = x * x_slope, y * y_slope
+        slope = x_part + y_part
+        cos_theta_i, cos_theta_o = pairs.cosines
+        ends = self._foreshortening(cos_theta_o) / (4.0 * math.pi * alpha_x * alpha_y)
+        value = exp_of_negative(-slope).mul_(ends).mul_(self._foreshortening(cos_theta_i))
+        fall_i, fall_o = (self.foreshortening * fall for fall in pairs.falls)
+        return Slopes(
+            value,
+            ((2.0 * x_part).sub_(1.0).div_(alpha_x), (2.0 * y_part).sub_(1.0).div_(alpha_y)),
+            fall_i,
+            fall_o,
+            (-2.0 * x_slope, -2.0 * y_slope, 2.0 * slope.div_(z)),
+        )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By visible half vectors of Gaussian slopes [Walter 2005]; see `BRDF.sample`."""
@@ -86,6 +107,7 @@ class WardDuer(Ward):
         *Ward.references,
     )
     peak_shapes = ()
+    foreshortening = 1.0
     largest_weight = 6.0  # its albedo grows without bound towards grazing
 
     def _foreshortening(self, cos_theta: Tensor) -> Tensor:

@@ -232,6 +232,11 @@ class Feasible:
         whole = cls(low, high)
         return whole._ending_at(min_width, within=True) if min_width > 0.0 else whole
 
+    def to(self, like: Tensor) -> Feasible:
+        """The same bounds with the type and device of a tensor, for which `project` need not ask."""
+        gap = None if self.gap is None else self.gap.to(like)
+        return Feasible(self.low.to(like), self.high.to(like), gap)
+
     def _ending_at(self, width: float, *, within: bool) -> Feasible:
         """These bounds with the narrow end of each parameter at a width.
 

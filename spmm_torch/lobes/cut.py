@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import torch
 from torch import Tensor
 
 from ..geometry.grazing import grazing_fade
@@ -22,6 +23,16 @@ def view_step(cosine: Tensor, horizon: float) -> Tensor:
         return (cosine > 0.0).to(cosine.dtype)
     t = (cosine / math.sin(horizon)).clamp(0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
+
+
+def view_step_slope(cosine: Tensor, horizon: float) -> Tensor:
+    """Logarithmic derivative `[...]` of `view_step`; finite where the step is 0."""
+    if horizon == 0.0:
+        return torch.zeros_like(cosine)
+    t = cosine / math.sin(horizon)
+    rising = ((t > 0.0) & (t < 1.0)).to(t.dtype)
+    t = t.clamp(min=torch.finfo(t.dtype).tiny, max=1.0)
+    return rising * 6.0 * (1.0 - t) / (t * (3.0 - 2.0 * t)) / math.sin(horizon)
 
 
 def lit_cosine(cosine: Tensor, upright: Tensor, of_texel: Tensor, lowest: float) -> Tensor:

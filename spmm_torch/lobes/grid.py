@@ -12,7 +12,7 @@ from ..brdf import REGISTRY
 from ..geometry.directions import angular_spacing, half_vectors
 from ..geometry.neighbours import nearest
 from .batch import CUDA_BLOCK, LobeBatch, decode, decoded
-from .jacobian import eval_with_jacobian
+from .jacobian import linearize
 from .ragged import in_spans
 from .values import eval_models
 
@@ -147,11 +147,18 @@ class DirectionGrid:
 
     def jacobian(self, model: Tensor, coordinates: Tensor) -> tuple[Tensor, Tensor]:
         """`values`, and their derivatives along all coordinates `[S, M, P, D]`."""
-        rho, derivative = eval_with_jacobian(
-            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view, self.horizon
+        found = self.linearized(model, coordinates)
+        return found[:, :, 0], found[:, :, 1:]
+
+    def linearized(self, model: Tensor, coordinates: Tensor) -> Tensor:
+        """Values, then derivatives along all coordinates, in one tensor `[S, M, 1 + P, D]`."""
+        scale = self.scale
+        if scale is not None:
+            scale = scale.view(self.view.shape[1], self.light.shape[2])
+        found = linearize(
+            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view, self.horizon, scale
         )
-        rho, derivative = self.scaled(rho.flatten(1)), self.scaled(derivative.flatten(2))
-        return rho.unflatten(0, model.shape), derivative.unflatten(0, model.shape)
+        return found.flatten(2).unflatten(0, model.shape)
 
 
 def distinct(atoms: Tensor, limit: float) -> Tensor:

@@ -1,151 +1,276 @@
-"""The Jacobian of lobes along their search coordinates, by one backward pass for all pairs.
+"""Lobes on direction pairs together with their derivatives along the search coordinates.
 
-rho of a pair depends on its lobe only through kappa and through wi and wo in the frame of the lobe.
-These are the leaves of the backward pass, one set for each pair, so one pass gives their gradients
-at all pairs. The derivatives along the coordinates of the frame follow by the chain rule: a small
-rotation omega of the frame moves a local direction w by omega x w.
+BRDFs tell the logarithmic derivatives of f_r, and what follows from a turn of the frame is the same
+for all: a small rotation omega moves a local direction w by omega x w. Of a grid of pairs only
+products are as large as the grid: what belongs to one direction alone is known by its direction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import chain
-from typing import cast
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from ..brdf import MAX_PARAMETERS, REGISTRY
-from ..brdf.base import Vectors, above_horizon
-from ..geometry.directions import frame_from_normal, normal_from_disk
+from ..brdf.base import Vectors
+from ..brdf.slopes import Angles, LocalPairs, Slopes
+from ..geometry.directions import frame_from_normal
 from ..runtime.memory import slices
-from .batch import COORDINATES
-from .cut import view_step
-from .ragged import Spans, groups, in_spans, spans_within
-from .values import rotate
+from .batch import COORDINATES, decoded
+from .cut import view_step, view_step_slope
+from .ragged import Spans, in_spans, spans_within
+from .recorded import record
 
 # Values of one tensor of a block. On a CPU few enough for the caches, and enough to hide the cost
-# of a call. On a GPU lobes of all models share a block, which takes 4 GB in a backward pass.
-CPU_BACKWARD_VALUES, CUDA_BACKWARD_VALUES = 1 << 17, 1 << 24
+# of a call. On a GPU lobes of all models share a block, which takes 4 GB.
+CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES = 1 << 16, 1 << 24
+# Coordinates that turn the frame: disk x, disk y and the angle, of anisotropic models alone.
+TURNS = 3
 
 
-def eval_with_jacobian(
-    model: Tensor, coordinates: Tensor, wi: Tensor, wo: Tensor, horizon: float = 0.0
-) -> tuple[Tensor, Tensor]:
-    """Values of lobes and their Jacobian [WDR11 Eq. 3].
+def linearize(
+    model: Tensor,
+    coordinates: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+    horizon: float = 0.0,
+    scale: Tensor | None = None,
+) -> Tensor:
+    """Values of lobes and their Jacobian [WDR11 Eq. 3], one after the other.
 
     Args:
         model: `[J]`.
         coordinates: search coordinates `[J, COORDINATES]`.
         wi, wo: directions `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
         horizon: of the lobes, as in `LobeBatch`.
+        scale: factor of all values of a pair, `[...]`; None: 1.
 
     Returns:
-        rho `[J, ...]` and d rho / d coordinates `[J, COORDINATES, ...]`, which is 0 along
-        coordinates that a model does not have.
+        `[J, 1 + COORDINATES, ...]`: rho, then d rho / d coordinates, which is 0 along coordinates
+        that a model does not have.
     """
     shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
-    rho = coordinates.new_zeros(len(model), *shape)
-    jacobian = coordinates.new_zeros(len(model), COORDINATES, *shape)
-    for spans, rows in _blocks(model, shape.numel()):
-        found = _block(spans, coordinates[rows].detach(), wi, wo, horizon)
-        rho[rows], jacobian[rows] = found
-    return rho, jacobian
-
-
-def _blocks(model: Tensor, pairs: int) -> Iterator[tuple[Spans, Tensor]]:
-    """Lobes in blocks of so many pairs: where each model lies in the block, and indices `[B]`."""
-    if model.is_cuda:
-        order, spans = in_spans(model, len(REGISTRY))
-        for part in slices(len(order), max(1, CUDA_BACKWARD_VALUES // max(1, pairs))):
-            yield spans_within(spans, part), order[part]
-        return
-    for index, of_model in groups(model, len(REGISTRY)):
-        for rows in of_model.split(max(1, CPU_BACKWARD_VALUES // max(1, pairs))):
-            yield [(index, slice(0, len(rows)))], rows
-
-
-def _block(
-    spans: Spans, coordinates: Tensor, wi: Tensor, wo: Tensor, horizon: float
-) -> tuple[Tensor, Tensor]:
-    """`eval_with_jacobian` of lobes in the order of their models."""
-    shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
-    turns = _has_tangent(spans, coordinates)
-    frame = frame_from_normal(normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turns)
-    local = [
-        part.expand(len(coordinates), *shape).contiguous()
-        for w in (wi, wo)
-        for part in rotate(frame, w).unbind(-1)
-    ]  # components of wi, then of wo, [J, ...] each
-    values, leaves, derivatives = [], [], []
-    for model, rows in spans:
-        kappa, derivative = _parameters(model, coordinates[rows], len(shape))
-        own = [part[rows].detach().requires_grad_() for part in local]
-        own += [part.expand_as(own[0]).contiguous().requires_grad_() for part in kappa]
-        with torch.enable_grad():
-            values.append(_eval(model, own[6:], own[:6], horizon))
-        leaves.append(own)
-        derivatives.append(derivative)
-    with torch.enable_grad():
-        rho = _joined(values) * above_horizon(wi, wo)  # Eq. (3)
-        found = torch.autograd.grad(
-            rho.sum(), [*chain.from_iterable(leaves)], allow_unused=True, materialize_grads=True
-        )
-    ends = iter(found)
-    gradients = [[next(ends) for _ in own] for own in leaves]
-    jacobian = rho.new_zeros(len(coordinates), COORDINATES, *shape)
-    slopes = [_joined([own[column] for own in gradients]) for column in range(6)]
-    torque = _cross(local[:3], slopes[:3]) + _cross(local[3:], slopes[3:])  # [3, J, ...]
-    for column, turn in enumerate(_turns(spans, coordinates, frame)):  # [J, 3] each
-        axis = turn.detach().view(len(turn), *[1] * len(shape), 3)
-        jacobian[:, column] = sum(axis[..., k] * torque[k] for k in range(3))
-    for (_, rows), own, derivative in zip(spans, gradients, derivatives, strict=True):
-        for column, part in enumerate(derivative):
-            jacobian[rows, 3 + column] = part * own[6 + column]
-    return rho.detach(), jacobian
-
-
-def _joined(parts: list[Tensor]) -> Tensor:
-    """Tensors `[n, ...]` one after another; a single one is not copied."""
-    return parts[0] if len(parts) == 1 else torch.cat(parts)
-
-
-def _eval(model: int, kappa: list[Tensor], local: list[Tensor], horizon: float) -> Tensor:
-    """f_r (n_j . wi) `[J, ...]` of kappa and local wi and wo, by components `[J, ...]`."""
-    padding = [torch.zeros_like(local[0])] * (MAX_PARAMETERS - len(kappa))
-    parts = (kappa + padding, local[:3], local[3:])
-    parameters, wi, wo = (cast("Tensor", Vectors(tuple(part))) for part in parts)
-    rho = REGISTRY[model].eval(parameters, wi, wo) * wi[..., 2].clamp(min=0.0)
-    return rho * view_step(wo[..., 2], horizon) if horizon > 0.0 else rho
-
-
-def _has_tangent(spans: Spans, like: Tensor) -> Tensor:
-    """1 for each lobe of a model that has a tangent, else 0, `[J]`."""
-    found = like.new_zeros(len(like))
-    for model, rows in spans:
-        if REGISTRY[model].anisotropic:
-            found[rows] = 1.0
+    order, spans = in_spans(model, len(REGISTRY))
+    lobes = _Lobes.build(spans, coordinates.detach().index_select(0, order), wi, wo, horizon)
+    angles = Angles.between(wi, wo)
+    found = coordinates.new_empty(len(model), 1 + COORDINATES, *shape)
+    for part, own in _blocks(spans, len(model), shape.numel(), coordinates.is_cuda):
+        block = coordinates.new_empty(part.stop - part.start, 1 + COORDINATES, *shape)
+        _fill(block, own, lobes[part], angles, scale)
+        found.index_copy_(0, order[part], block)
     return found
 
 
-def _parameters(
-    model: int, coordinates: Tensor, dimensions: int
-) -> tuple[list[Tensor], list[Tensor]]:
-    """Parameters and their derivatives along [0, 1], `[J, 1, ...]` each."""
-    table = REGISTRY[model].parameters
-    if not table:
-        return [], []
-    unit = coordinates[:, 3 : 3 + len(table)].detach().requires_grad_()
-    with torch.enable_grad():
-        pairs = zip(table, unit.unbind(-1), strict=True)
-        value = torch.stack([row.from_unit(column) for row, column in pairs])
-        derivative = torch.autograd.grad(value.sum(), unit)[0].T
-    shape = (len(table), len(coordinates), *[1] * dimensions)
-    return list(value.detach().reshape(shape)), list(derivative.reshape(shape))
+def _blocks(spans: Spans, count: int, pairs: int, together: bool) -> Iterator[tuple[slice, Spans]]:
+    """Lobes in blocks of so many pairs: which, and where each model lies among them."""
+    if together:
+        for part in slices(count, max(1, CUDA_BLOCK_VALUES // max(1, pairs))):
+            yield part, spans_within(spans, part)
+        return
+    for model, own in spans:
+        for part in slices(own.stop - own.start, max(1, CPU_BLOCK_VALUES // max(1, pairs))):
+            yield (
+                slice(own.start + part.start, own.start + part.stop),
+                [(model, slice(0, part.stop - part.start))],
+            )
 
 
-def _turns(spans: Spans, coordinates: Tensor, frame: Tensor) -> list[Tensor]:
-    """Rotations omega `[J, 3]` of the frames, in local axes, along disk x, disk y and the angle.
+@dataclass(frozen=True)
+class _Lobes:
+    """Lobes in the order of their models, with directions in the frame of each.
+
+    Attributes:
+        kappa: parameters, `[J, P, 1, ...]`.
+        growth: their derivatives along the search coordinates, `[J, P, 1, ...]`.
+        wi, wo: local directions, then their derivatives along the coordinates that turn the frame,
+            `[J, 1 + TURNS, 3, ...]`, which broadcast.
+        end_i, end_o: factors of f_r that belong to one direction: its cosine, its horizon.
+        slope_i, slope_o: their logarithmic derivatives along the cosine.
+    """
+
+    kappa: Tensor
+    growth: Tensor
+    wi: Tensor
+    wo: Tensor
+    end_i: Tensor
+    end_o: Tensor
+    slope_i: Tensor
+    slope_o: Tensor
+
+    @classmethod
+    def build(
+        cls, spans: Spans, coordinates: Tensor, wi: Tensor, wo: Tensor, horizon: float
+    ) -> _Lobes:
+        """Lobes at search `coordinates [J, COORDINATES]` that see the directions `[1, ..., 3]`."""
+        kappa, normal, angle = decoded(spans, coordinates)
+        frame = frame_from_normal(normal, angle)
+        spins = _spins(spans, coordinates, frame)  # [J, TURNS, 3]
+        turned = torch.linalg.cross(spins[..., None], frame[:, None], dim=2)  # [J, TURNS, 3, 3]
+        frames = torch.cat((frame[:, None], turned), dim=1)
+        local_i, local_o = _seen(frames, wi), _seen(frames, wo)
+        z_i, z_o = local_i[:, 0, 2], local_o[:, 0, 2]
+        tiny = torch.finfo(z_i.dtype).tiny
+        middle = (1,) * (wi.ndim - 2)
+        return cls(
+            kappa.view(*kappa.shape, *middle),
+            _growth(spans, kappa).view(*kappa.shape, *middle),
+            local_i,
+            local_o,
+            z_i.clamp(min=0.0) * (wi[..., 2] > 0.0),
+            view_step(z_o, horizon) * (wo[..., 2] > 0.0),
+            (z_i > 0.0) / z_i.clamp(min=tiny),
+            view_step_slope(z_o, horizon),
+        )
+
+    def __getitem__(self, rows: slice) -> _Lobes:
+        return _Lobes(*(part[rows] for part in vars(self).values()))
+
+    def pairs(self, angles: Angles) -> LocalPairs:
+        """All pairs of directions in the frames of the lobes."""
+        wi, wo = (Vectors(tuple(w[:, 0].unbind(1))) for w in (self.wi, self.wo))
+        return LocalPairs(wi, wo, angles)
+
+    def moved(self, column: int) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
+        """Derivatives of the components of wi and of wo along a coordinate, three `[J, ...]` each.
+
+        A turn about the normal leaves z as it is.
+        """
+        return self.wi[:, 1 + column].unbind(1), self.wo[:, 1 + column].unbind(1)
+
+
+def _fill(block: Tensor, spans: Spans, lobes: _Lobes, angles: Angles, scale: Tensor | None) -> None:
+    """Writes values and Jacobian of lobes to `block [J, 1 + COORDINATES, ...]`."""
+    pairs = lobes.pairs(angles)
+    alone = len(spans) == 1
+    slopes = [
+        REGISTRY[model].slopes(
+            _parameters(model, lobes.kappa[rows]), pairs if alone else pairs[rows]
+        )
+        for model, rows in spans
+    ]
+    known = [part for part in slopes if part is not None]
+    if not alone and len(known) == len(slopes):
+        _assemble(block, _joined(known, spans, block.shape[2:]), lobes, scale, tangents=True)
+        return
+    for (model, rows), part in zip(spans, slopes, strict=True):
+        if part is None:
+            _assemble_recorded(block[rows], model, lobes[rows], scale)
+        else:
+            tangents = REGISTRY[model].anisotropic
+            _assemble(block[rows], part, lobes[rows], scale, tangents=tangents)
+
+
+def _assemble(
+    block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None, *, tangents: bool
+) -> None:
+    """Writes rho and its derivatives, given those of the logarithm of f_r, to `block`."""
+    rho = block[:, 0]
+    torch.mul(slopes.value, lobes.end_i, out=rho)  # Eq. (3)
+    rho.mul_(lobes.end_o if scale is None else lobes.end_o * scale)
+    slope_i = _sum(slopes.cos_theta_i, lobes.slope_i)
+    slope_o = _sum(slopes.cos_theta_o, lobes.slope_o)
+    for column in range(TURNS if tangents else TURNS - 1):
+        wi, wo = lobes.moved(column)
+        tilts = column < TURNS - 1
+        terms = [slope_i * wi[2] + slope_o * wo[2]] if tilts else []
+        axes = [axis for axis in range(3 if tilts else 2) if slopes.half[axis] is not None]
+        terms += [(wi[axis] + wo[axis]).mul_(slopes.half[axis]) for axis in axes]
+        total = terms[0]
+        for term in terms[1:]:
+            total = total.add_(term)
+        torch.mul(total, rho, out=block[:, 1 + column])
+    if not tangents:
+        block[:, TURNS].zero_()
+    for column in range(MAX_PARAMETERS):
+        place = block[:, 1 + TURNS + column]
+        if column < len(slopes.kappa):
+            torch.mul(slopes.kappa[column], rho, out=place)
+            place.mul_(lobes.growth[:, column])
+        else:
+            place.zero_()
+
+
+def _sum(a: Tensor | None, b: Tensor) -> Tensor:
+    return b if a is None else a + b
+
+
+def _assemble_recorded(block: Tensor, model: int, lobes: _Lobes, scale: Tensor | None) -> None:
+    """The same for a model that does not tell its slopes."""
+    parameters = _parameters(model, lobes.kappa)
+    found = record(
+        model, parameters, *(Vectors(tuple(w[:, 0].unbind(1))) for w in (lobes.wi, lobes.wo))
+    )
+    ends = lobes.end_i * (lobes.end_o if scale is None else lobes.end_o * scale)
+    rho = block[:, 0]
+    torch.mul(found.value, ends, out=rho)  # Eq. (3)
+    for column in range(TURNS):
+        wi, wo = lobes.moved(column)
+        along: Any = sum(g * w for g, w in zip((*found.wi, *found.wo), (*wi, *wo), strict=True))
+        block[:, 1 + column] = ends * along + rho * (lobes.slope_i * wi[2] + lobes.slope_o * wo[2])
+    block[:, 1 + TURNS :] = 0.0
+    for column, along in enumerate(found.kappa):
+        block[:, 1 + TURNS + column] = ends * along * lobes.growth[:, column]
+
+
+def _joined(parts: list[Slopes], spans: Spans, shape: torch.Size) -> Slopes:
+    """The slopes of several models as those of all their lobes."""
+    zero = torch.zeros_like(parts[0].value[:1])
+    sizes = [rows.stop - rows.start for _, rows in spans]
+
+    def column(own: list[Tensor | None]) -> Tensor | None:
+        if all(part is None for part in own):
+            return None
+        full = [zero if part is None else part for part in own]
+        return torch.cat([x.expand(n, *shape) for x, n in zip(full, sizes, strict=True)])
+
+    def all_of(own: list[Tensor | None]) -> Tensor:
+        found = column(own)
+        return zero.expand(sum(sizes), *shape) if found is None else found
+
+    most = max(len(part.kappa) for part in parts)
+    kappa = [
+        all_of([part.kappa[k] if k < len(part.kappa) else None for part in parts])
+        for k in range(most)
+    ]
+    half = [column([part.half[axis] for part in parts]) for axis in range(3)]
+    return Slopes(
+        all_of([part.value for part in parts]),
+        tuple(kappa),
+        column([part.cos_theta_i for part in parts]),
+        column([part.cos_theta_o for part in parts]),
+        (half[0], half[1], half[2]),
+    )
+
+
+def _parameters(model: int, kappa: Tensor) -> tuple[Tensor, ...]:
+    """The parameters `[J, 1, ...]` that a model has, of `kappa [J, P, 1, ...]`."""
+    return kappa[:, : len(REGISTRY[model].parameters)].unbind(1)
+
+
+def _growth(spans: Spans, kappa: Tensor) -> Tensor:
+    """d kappa / d search coordinate, `[J, P]`."""
+    growth = torch.zeros_like(kappa)
+    for model, rows in spans:
+        for column, row in enumerate(REGISTRY[model].parameters):
+            growth[rows, column] = row.slope(kappa[rows, column])
+    return growth
+
+
+def _seen(frames: Tensor, w: Tensor) -> Tensor:
+    """Local directions `[J, F, 3, ...]` of `w [1, ..., 3]`, for `frames [J, F, 3, 3]`.
+
+    Written out, because matrix libraries are slow for products of 3 x 3 matrices.
+    """
+    x, y, z = (part[:, None, None] for part in w.unbind(-1))  # [1, 1, 1, ...]
+    a, b, c = frames.view(*frames.shape, *(1,) * (w.ndim - 2)).unbind(3)  # [J, F, 3, 1, ...]
+    return a * x + b * y + c * z
+
+
+def _spins(spans: Spans, coordinates: Tensor, frame: Tensor) -> Tensor:
+    """Rotations omega `[J, TURNS, 3]` of the frames, in local axes, along disk x, y and angle.
 
     As n moves by dn, the shortest rotation from z to n turns about n by
     (n_x dn_y - n_y dn_x) / (1 + n_z).
@@ -154,23 +279,15 @@ def _turns(spans: Spans, coordinates: Tensor, frame: Tensor) -> list[Tensor]:
     normal = frame[:, 2]
     stretch = torch.sqrt(2.0 - x * x - y * y)
     mixed = -x * y / stretch
-    turns = []
-    for step in (
-        torch.stack((stretch - x * x / stretch, mixed, -2.0 * x), dim=1),  # d normal / d disk x
-        torch.stack((mixed, stretch - y * y / stretch, -2.0 * y), dim=1),
-    ):
+    along_x = torch.stack((stretch - x * x / stretch, mixed, -2.0 * x), dim=1)
+    along_y = torch.stack((mixed, stretch - y * y / stretch, -2.0 * y), dim=1)
+    spins = []
+    for step in (along_x, along_y):  # d normal / d disk, [J, 3]
         local = (frame @ step[..., None])[..., 0]
         spin = (normal[:, 0] * step[:, 1] - normal[:, 1] * step[:, 0]) / (1.0 + normal[:, 2])
-        turns.append(torch.stack((local[:, 1], -local[:, 0], spin), dim=1))
-    if not any(REGISTRY[model].anisotropic for model, _ in spans):
-        return turns
+        spins.append(torch.stack((local[:, 1], -local[:, 0], spin), dim=1))
     about_normal = torch.zeros_like(normal)
-    about_normal[:, 2] = -_has_tangent(spans, coordinates)
-    return [*turns, about_normal]
-
-
-def _cross(a: list[Tensor], b: list[Tensor]) -> Tensor:
-    """a x b by components: `[3, J, ...]`."""
-    return torch.stack(
-        (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    ).detach()
+    for model, rows in spans:
+        if REGISTRY[model].anisotropic:
+            about_normal[rows, 2] = -1.0
+    return torch.stack((*spins, about_normal), dim=1)

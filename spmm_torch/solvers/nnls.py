@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from .nnls_supports import MOST_ATOMS, nnls_by_supports
 from .status import STATUS_DTYPE, Status
 
 # Ridge on the unit diagonal: makes duplicated atoms solvable, biases a well-posed x by 1e-12.
@@ -135,6 +136,8 @@ def nnls_shared_gram(
         Weights `[B, C, J]` float64, and status `[B, C]`.
     """
     gram = gram.double()
+    if gram.is_cuda and 0 < gram.shape[-1] <= MOST_ATOMS:
+        return NNLSResult(*nnls_by_supports(gram, rhs, allowed))
     norm = gram.diagonal(dim1=-2, dim2=-1)  # [B, J]
     usable = allowed & (norm > 0)
     matrix = torch.where(usable[:, :, None] & usable[:, None, :], gram, 0.0)

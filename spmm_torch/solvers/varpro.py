@@ -30,9 +30,13 @@ DAMPING_DOWN, DAMPING_UP = 1.0 / 3.0, 4.0
 # Ridge relative to the mean of a diagonal: a parameter without effect must not make it singular.
 RELATIVE_RIDGE = 1e-7
 
+# Steps on a GPU after each of which mixtures that have ended are left out: the host waits to know
+# them.
+CUDA_STEPS = 4
+
 # Both take coordinates `[s, M, P]` and the indices `[s]` of their signals.
 ValueFunction = Callable[[Tensor, Tensor], Tensor]
-JacobianFunction = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
+LinearFunction = Callable[[Tensor, Tensor], Tensor]
 
 
 @dataclass(frozen=True)
@@ -55,17 +59,52 @@ class VarProResult:
     status: Tensor
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """The weights of S mixtures and their losses, in float64."""
+@dataclass
+class _State:
+    """Current point of every mixture, and the Gauss-Newton model of the loss there."""
 
-    weights: Tensor  # [S, C, M]
-    loss: Tensor  # [S]
+    coordinates: Tensor  # [S, M, P]
+    weights: Tensor  # [S, C, M] float64
+    loss: Tensor  # [S] float64
+    gradient: Tensor  # [S, M P] float64, of half the loss
+    hessian: Tensor  # [S, M P, M P] float64
+    damping: Tensor  # [S] float64
+    running: Tensor  # [S] bool
+    failed: Tensor  # [S] bool, a loss at the start or a gradient was not finite
+
+    def take(self, rows: Tensor) -> _State:
+        """The state of the mixtures `rows`."""
+        return _State(*(value[rows] for value in vars(self).values()))
+
+    def put(self, rows: Tensor, other: _State) -> None:
+        """Overwrites the mixtures `rows` in place, unless the other state is this one."""
+        if other is self:
+            return
+        for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True):
+            mine[rows] = theirs
+
+    def moved(self, trial: _State, tolerance: float) -> _State:
+        """The state after a trial, which is taken where it lowers the loss of one that runs."""
+        usable = torch.isfinite(self.gradient).all(1)
+        gain = self.loss - trial.loss
+        better = self.running & (gain > 0.0)  # False for NaN
+        points = [
+            torch.where(better.view(-1, *[1] * (mine.dim() - 1)), theirs, mine)
+            for mine, theirs in zip(self._point(), trial._point(), strict=True)
+        ]
+        damping = torch.where(self.running, next_damping(self.damping, better), self.damping)
+        settled = (gain >= 0.0) & (gain <= tolerance * self.loss)
+        ended = settled | (damping >= DAMPING_MAX) | ~usable
+        failed = self.failed | (self.running & ~usable)
+        return _State(*points, damping, self.running & ~ended, failed)
+
+    def _point(self) -> tuple[Tensor, ...]:
+        return self.coordinates, self.weights, self.loss, self.gradient, self.hessian
 
 
 def refine_mixtures(
     values: ValueFunction,
-    jacobian: JacobianFunction,
+    linearize: LinearFunction,
     project: Callable[[Tensor, Tensor], Tensor],
     start: Tensor,
     present: Tensor,
@@ -73,12 +112,16 @@ def refine_mixtures(
     *,
     iterations: int,
     tolerance: float = 0.0,
+    block: int | None = None,
 ) -> VarProResult:
     """Refines the parameters of S mixtures of up to M basis functions each [GP73].
 
+    A trial is linearized at once: most are taken, and a rejected one leaves the last model as it
+    is.
+
     Args:
         values: maps coordinates `[s, M, P]` of the signals `rows [s]` to rho `[s, M, D]`.
-        jacobian: maps them to rho `[s, M, D]` and d rho / d coordinates `[s, M, P, D]`.
+        linearize: maps them to rho and d rho / d coordinates, `[s, M, 1 + P, D]`.
         project: maps them to the nearest feasible coordinates `[s, M, P]`.
         start: `[S, M, P]`, feasible.
         present: `[S, M]` bool; False marks padding.
@@ -86,104 +129,94 @@ def refine_mixtures(
         iterations: most steps.
         tolerance: a mixture has converged when a step lowers its loss by no more than this
             fraction.
+        block: mixtures that are evaluated at once; None: all.
 
     Returns:
         Coordinates, weights, loss and status of each mixture.
     """
-    state = _State.begin(values, start, present, signals)
-    failed, first = ~torch.isfinite(state.loss), state.loss.clone()
-    rows = torch.nonzero(~failed).squeeze(1)  # mixtures that still run
-    for _ in range(iterations):
-        if not len(rows):
-            break
-        now = state.take(rows)
-        rho, derivative = jacobian(now.coordinates, rows)
-        step, usable = _step(
-            rho, derivative, now.weights, present[rows], signals[rows], now.damping
-        )
-        failed[rows] = ~usable
+    problem = _Problem(values, linearize, present, signals, block)
+    rows = torch.arange(len(start), device=start.device)
+    state = problem.at(start.clone(), rows, slopes=iterations > 0)
+    first, now = state.loss.clone(), state
+    for number in range(iterations):
+        if not rows.is_cuda or number % CUDA_STEPS == 0:
+            kept = now.running.nonzero().squeeze(1)
+            if len(kept) < len(rows):
+                state.put(rows, now)
+                now, rows = now.take(kept), rows[kept]
+            if not len(kept):
+                break
+        step = damped_step(now.hessian, now.gradient, now.damping).view_as(now.coordinates)
         trial = project(now.coordinates + step.to(start.dtype), rows)
-        fit = _evaluate(values(trial, rows), present[rows], signals[rows])
-        gain = now.loss - fit.loss
-        state.put(rows, now.moved(trial, fit, gain > 0.0))  # False for NaN
-        settled = (gain >= 0.0) & (gain <= tolerance * now.loss)
-        stuck = state.damping[rows] >= DAMPING_MAX
-        rows = rows[~(settled | stuck) & usable]
+        now = now.moved(problem.at(trial, rows, slopes=number < iterations - 1), tolerance)
+    state.put(rows, now)
     weights = state.weights.transpose(1, 2).to(start.dtype)
     stuck = (state.damping >= DAMPING_MAX) & (state.loss == first)
-    converged = torch.ones_like(failed).index_fill_(0, rows, False)
-    status = worst_status(converged, stuck, failed)
+    status = worst_status(~state.running, stuck, state.failed)
     return VarProResult(state.coordinates, weights, state.loss, status)
 
 
-@dataclass
-class _State:
-    """Current point of every mixture."""
+@dataclass(frozen=True)
+class _Problem:
+    """What `refine_mixtures` was given of all mixtures."""
 
-    coordinates: Tensor  # [S, M, P]
-    weights: Tensor  # [S, C, M] float64
-    loss: Tensor  # [S] float64
-    damping: Tensor  # [S] float64
+    values: ValueFunction
+    linearize: LinearFunction
+    present: Tensor  # [S, M]
+    signals: Tensor  # [S, C, D]
+    block: int | None
 
-    @staticmethod
-    def begin(values: ValueFunction, start: Tensor, present: Tensor, signals: Tensor) -> _State:
-        """The start, with its weights and loss."""
-        rows = torch.arange(len(start), device=start.device)
-        fit = _evaluate(values(start, rows), present, signals)
-        damping = torch.full_like(fit.loss, DAMPING_START)
-        return _State(start.clone(), fit.weights, fit.loss, damping)
+    def at(self, coordinates: Tensor, rows: Tensor, *, slopes: bool) -> _State:
+        """Fresh states at coordinates `[s, M, P]` of the mixtures `rows [s]`."""
+        size = self.block or len(rows)
+        if len(rows) <= size:
+            return self._block(coordinates, rows, slopes)
+        split = zip(coordinates.split(size), rows.split(size), strict=True)
+        parts = [vars(self._block(*part, slopes)).values() for part in split]
+        return _State(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
-    def take(self, rows: Tensor) -> _State:
-        """The state of the mixtures `rows`."""
-        return _State(**{name: value[rows] for name, value in vars(self).items()})
-
-    def put(self, rows: Tensor, other: _State) -> None:
-        """Overwrites the mixtures `rows` in place."""
-        for name, value in vars(self).items():
-            value[rows] = getattr(other, name)
-
-    def moved(self, trial: Tensor, fit: _Fit, better: Tensor) -> _State:
-        """The state after a trial, which is taken where it is `better [S]`."""
-        wide = better[:, None, None]
-        return _State(
-            torch.where(wide, trial, self.coordinates),
-            torch.where(wide, fit.weights, self.weights),
-            torch.where(better, fit.loss, self.loss),
-            next_damping(self.damping, better),
-        )
-
-
-def _evaluate(rho: Tensor, present: Tensor, signals: Tensor) -> _Fit:
-    """Solves the weights of given basis functions `rho [S, M, D]`."""
-    gram = (rho @ rho.transpose(1, 2)).double()  # [S, M, M]
-    correlation = (signals @ rho.transpose(1, 2)).double()  # [S, C, M]
-    weights = nnls_shared_gram(gram, correlation, allowed=present).weights  # [S, C, M]
-    error = signals - weights.to(rho.dtype) @ rho  # [S, C, D]
-    return _Fit(weights, (error * error).sum((1, 2), dtype=torch.float64))
+    def _block(self, coordinates: Tensor, rows: Tensor, slopes: bool) -> _State:
+        present, signals = self.present[rows], self.signals[rows]
+        if slopes:
+            found = self.linearize(coordinates, rows)  # [s, M, 1 + P, D]
+            rho, flat = found[:, :, 0], found.flatten(1, 2)
+            products = flat @ flat.transpose(1, 2)
+            products = products.unflatten(1, found.shape[1:3]).unflatten(3, found.shape[1:3])
+            gram = products[:, :, 0, :, 0]
+        else:
+            rho = self.values(coordinates, rows)
+            gram = rho @ rho.transpose(1, 2)
+        correlation = (signals @ rho.transpose(1, 2)).double()  # [s, C, M]
+        weights = nnls_shared_gram(gram.double(), correlation, allowed=present).weights
+        error = signals - weights.to(rho.dtype) @ rho  # [s, C, D]
+        loss = (error * error).sum((1, 2), dtype=torch.float64)
+        size = coordinates.shape[1] * coordinates.shape[2]
+        gradient, hessian = loss.new_zeros(len(rows), size), loss.new_zeros(len(rows), size, size)
+        if slopes:
+            along = (error @ flat.transpose(1, 2)).unflatten(2, found.shape[1:3])[..., 1:]
+            gradient, hessian = _model(products.double(), along.double(), weights, present)
+        damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
+        return _State(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
 
 
-def _step(
-    rho: Tensor,
-    derivative: Tensor,
-    weights: Tensor,
-    present: Tensor,
-    signals: Tensor,
-    damping: Tensor,
+def _model(
+    products: Tensor, along: Tensor, weights: Tensor, present: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """One damped Gauss-Newton step `[S, M, P]`, and where its gradient is finite `[S]`.
+    """Gradient `[S, M P]` and Gauss-Newton Hessian `[S, M P, M P]` of half the loss.
 
-    The Jacobian of the model is `derivative [S, M, P, D]` times the weights.
+    Args:
+        products: inner products of values and derivatives, `[S, M, 1 + P, M, 1 + P]`.
+        along: those of the derivatives with the error of each channel, `[S, C, M, P]`.
+        weights: `[S, C, M]`.
+        present: `[S, M]`.
     """
-    s, m, p, _ = derivative.shape
-    error = signals - weights.to(rho.dtype) @ rho  # [S, C, D]
-    flat = derivative.flatten(1, 2)  # [S, M P, D]
-    repeated = weights.repeat_interleave(p, dim=2)  # [S, C, M P]
-    gradient = -(repeated * (error @ flat.transpose(1, 2)).double()).sum(1)  # [S, M P]
+    parameters = along.shape[3]
+    gradient = -(weights[..., None] * along).sum(1).flatten(1)
+    repeated = weights.repeat_interleave(parameters, dim=2)  # [S, C, M P]
     coupling = repeated.transpose(1, 2) @ repeated  # [S, M P, M P]
-    hessian = coupling * (flat @ flat.transpose(1, 2)).double()
-    hessian = hessian - _projected_part(rho, flat, weights, repeated, present)
-    step = damped_step(hessian, gradient, damping).view(s, m, p)
-    return step, torch.isfinite(gradient).all(1)
+    inner = products[:, :, 1:, :, 1:].flatten(1, 2).flatten(2)  # [S, M P, M P]
+    gram, cross = products[:, :, 0, :, 0], products[:, :, 0, :, 1:].flatten(2)
+    return gradient, coupling * inner - _projected_part(gram, cross, weights, repeated, present)
 
 
 def damped_step(hessian: Tensor, gradient: Tensor, damping: Tensor) -> Tensor:
@@ -216,11 +249,17 @@ def next_damping(damping: Tensor, better: Tensor) -> Tensor:
 
 
 def _projected_part(
-    rho: Tensor, flat: Tensor, weights: Tensor, repeated: Tensor, present: Tensor
+    gram: Tensor, cross: Tensor, weights: Tensor, repeated: Tensor, present: Tensor
 ) -> Tensor:
-    """Part of the Hessian that a change of the weights absorbs [Kau75]: `[S, M P, M P]`."""
-    cross = (rho @ flat.transpose(1, 2)).double()  # [S, M, M P]
-    gram = (rho @ rho.transpose(1, 2)).double()
+    """Part of the Hessian that a change of the weights absorbs [Kau75]: `[S, M P, M P]`.
+
+    Args:
+        gram: inner products of the basis functions, `[S, M, M]`.
+        cross: those with the derivatives, `[S, M, M P]`.
+        weights: `[S, C, M]`.
+        repeated: the same for each derivative, `[S, C, M P]`.
+        present: `[S, M]`.
+    """
     passive = ((weights > 0.0) & present[:, None]).double()  # [S, C, M]
     unit = torch.diag_embed(1.0 - passive)
     ridge = RELATIVE_RIDGE * gram.diagonal(dim1=1, dim2=2).mean(1)[:, None, None, None]

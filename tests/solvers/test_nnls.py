@@ -12,6 +12,7 @@ from torch import Tensor
 
 from spmm_torch.solvers import nnls as module
 from spmm_torch.solvers.nnls import kkt_violation, nnls_gram, nnls_shared_gram
+from spmm_torch.solvers.nnls_supports import MOST_ATOMS, nnls_by_supports
 from spmm_torch.solvers.status import Status
 
 
@@ -216,3 +217,19 @@ def test_channels_of_one_gram_end_each_on_its_own() -> None:
     bad[1, 0], bad[2, 1], bad[3] = True, True, True
     assert torch.equal(solved.status == Status.NOT_FINITE, bad)
     assert (solved.status[~bad] == Status.CONVERGED).all()
+
+
+@pytest.mark.parametrize("atoms", [1, 3, MOST_ATOMS])
+def test_all_supports_at_once_find_the_same_minimizer(atoms: int) -> None:
+    generator = torch.Generator().manual_seed(atoms)
+    basis = torch.randn(40, atoms, 12, generator=generator, dtype=torch.float64)
+    signals = torch.randn(40, 3, 12, generator=generator, dtype=torch.float64)
+    basis[0, 0] = 0.0  # an atom without effect
+    basis[1, -1] = basis[1, 0]  # a repeat
+    allowed = torch.rand(40, atoms, generator=generator) < 0.9
+    gram, rhs = basis @ basis.transpose(1, 2), signals @ basis.transpose(1, 2)
+    weights, status = nnls_by_supports(gram, rhs, allowed)
+    assert (status == Status.CONVERGED).all()
+    assert (weights >= 0.0).all()
+    violation = kkt_violation(gram[:, None], rhs, weights, allowed=allowed[:, None])
+    assert float(violation.max()) < 1e-9

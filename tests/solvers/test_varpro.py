@@ -19,6 +19,12 @@ def gaussians(x: Tensor) -> Tensor:
     return torch.exp(-(((GRID.to(x) - x[..., :1]) / x[..., 1:]) ** 2))
 
 
+def linearized(x: Tensor) -> Tensor:
+    """Values and derivatives `[s, M, 1 + P, D]`."""
+    rho, derivative = jacobian(x)
+    return torch.cat((rho[..., None, :], derivative), dim=-2)
+
+
 def jacobian(x: Tensor) -> tuple[Tensor, Tensor]:
     rho = gaussians(x)
     offset = GRID.to(x) - x[..., :1]
@@ -38,7 +44,7 @@ def refine(
         present = torch.ones(start.shape[:2], dtype=torch.bool)
     return refine_mixtures(
         lambda x, rows: gaussians(x),
-        lambda x, rows: jacobian(x),
+        lambda x, rows: linearized(x),
         lambda x, rows: torch.cat((x[..., :1].clamp(-3, 3), x[..., 1:].clamp(0.2, 3)), dim=-1),
         start,
         present,
@@ -135,14 +141,14 @@ def test_a_signal_that_is_not_finite_is_told_and_leaves_the_others_alone() -> No
 def test_a_jacobian_that_is_not_finite_is_told_and_the_start_stays() -> None:
     truth, signals = planted(8)
 
-    def broken_jacobian(x: Tensor) -> tuple[Tensor, Tensor]:
-        rho, derivative = jacobian(x)
-        derivative[2] = torch.nan
-        return rho, derivative
+    def broken(x: Tensor) -> Tensor:
+        found = linearized(x)
+        found[2, :, 1:] = torch.nan
+        return found
 
     result = refine_mixtures(
         lambda x, rows: gaussians(x),
-        lambda x, rows: broken_jacobian(x),
+        lambda x, rows: broken(x),
         lambda x, rows: x,
         truth + 0.2,
         torch.ones(truth.shape[:2], dtype=torch.bool),
@@ -157,7 +163,7 @@ def test_no_descent_where_no_step_from_the_start_goes_down() -> None:
     truth, signals = planted(9)
     ascent = refine_mixtures(
         lambda x, rows: gaussians(x),
-        lambda x, rows: (gaussians(x), -jacobian(x)[1]),
+        lambda x, rows: linearized(x) * torch.tensor([1.0, -1.0, -1.0])[:, None],
         lambda x, rows: x,
         truth + 0.2,
         torch.ones(truth.shape[:2], dtype=torch.bool),

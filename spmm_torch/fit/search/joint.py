@@ -6,6 +6,7 @@ NNLS and, by variable projection, all normals and parameters of its lobes.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -15,6 +16,7 @@ from torch import Tensor
 from ...config.fit import SearchConfig
 from ...lobes.batch import COORDINATES, Feasible, LobeBatch, encode
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
+from ...runtime.memory import slices
 from ...runtime.progress import Advance
 from ...solvers.foba import select_foba
 from ...solvers.multistart import StartCounts, best_start
@@ -27,8 +29,9 @@ from .mixtures import Mixtures
 SOLVED = 1e-7
 # Rows that one batch of restarts should fill, and most restarts, where the settings do not tell.
 BATCH_ROWS, MAX_RESTARTS = 256, 8
-# Values of a Jacobian that are held at once: 64 MB on a CPU, 4 GB on a GPU.
-CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 24, 1 << 30
+# Values of a Jacobian that are held at once: 16 MB on a CPU, 4 GB on a GPU. What has more than 32 MB
+# goes back to the system, which clears its pages anew at every step.
+CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 22, 1 << 30
 # Samples on which lobes are exchanged, spread over all clusters, with many restarts each. If there
 # are more samples, a turn pays only while it takes this fraction of the error away.
 FEW_ROWS, LEAST_GAIN = 32, 0.03
@@ -244,34 +247,35 @@ class CorrectiveSearch:
 
     def _refine(self, mixtures: Mixtures, rows: Tensor, steps: int) -> Mixtures:
         """Fits weights, and by `steps` steps coordinates, to the signals `rows [s]`."""
-        used = int(mixtures.present.any(0).nonzero().max()) + 1 if mixtures.present.any() else 1
-        parts = []
-        for chunk in self._chunks(len(rows)):
-            lobes = _Lobes(self.grid, self.feasible, mixtures.model[chunk, :used])
-            result = refine_mixtures(
-                lobes.values,
-                lobes.jacobian,
-                lobes.project,
-                mixtures.coordinates[chunk, :used],
-                mixtures.present[chunk, :used],
-                self.signals[rows[chunk]],
-                iterations=steps,
-                tolerance=self.config.tolerance,
-            )
-            self.counts.add_starts({Solver.VARPRO: result.status})
-            parts.append(result)
+        slot = torch.arange(1, mixtures.present.shape[1] + 1, device=rows.device)
+        used = max(1, int((mixtures.present * slot).max()))
+        lobes = _Lobes(self.grid, self.feasible, mixtures.model[:, :used])
+        result = refine_mixtures(
+            lobes.values,
+            lobes.linearized,
+            lobes.project,
+            mixtures.coordinates[:, :used],
+            mixtures.present[:, :used],
+            self.signals[rows],
+            iterations=steps,
+            tolerance=self.config.tolerance,
+            block=self._block,
+        )
+        self.counts.add_starts({Solver.VARPRO: result.status})
         coordinates, weights = mixtures.coordinates.clone(), torch.zeros_like(mixtures.weights)
-        coordinates[:, :used] = torch.cat([part.coordinates for part in parts])
-        weights[:, :used] = torch.cat([part.weights for part in parts])
-        loss = torch.cat([part.loss for part in parts])
-        return Mixtures(mixtures.model, coordinates, mixtures.present, weights, loss)
+        coordinates[:, :used], weights[:, :used] = result.coordinates, result.weights
+        return Mixtures(mixtures.model, coordinates, mixtures.present, weights, result.loss)
 
-    def _chunks(self, rows: int) -> list[slice]:
-        """Slices of samples whose Jacobian fits the memory."""
+    @property
+    def _block(self) -> int:
+        """Samples whose Jacobian fits the memory."""
         budget = CUDA_JACOBIAN_VALUES if self.signals.is_cuda else CPU_JACOBIAN_VALUES
-        values = self.config.max_lobes * COORDINATES * self.grid.pair_count
-        size = max(1, budget // values)
-        return [slice(i, min(i + size, rows)) for i in range(0, rows, size)]
+        values = self.config.max_lobes * (1 + COORDINATES) * self.grid.pair_count
+        return max(1, budget // values)
+
+    def _chunks(self, rows: int) -> Iterator[slice]:
+        """Slices of samples whose Jacobian fits the memory."""
+        return slices(rows, self._block)
 
 
 @dataclass(frozen=True)
@@ -293,9 +297,9 @@ class _Lobes:
         """rho `[s, M, D]`."""
         return self.grid.values(self.model[rows], coordinates)
 
-    def jacobian(self, coordinates: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """rho `[s, M, D]` and d rho / d coordinates `[s, M, P, D]`."""
-        return self.grid.jacobian(self.model[rows], coordinates)
+    def linearized(self, coordinates: Tensor, rows: Tensor) -> Tensor:
+        """rho and d rho / d coordinates, `[s, M, 1 + P, D]`."""
+        return self.grid.linearized(self.model[rows], coordinates)
 
     def project(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """The nearest feasible coordinates `[s, M, P]`."""

@@ -70,7 +70,7 @@ def find_lobes(
     signals = problem.signals(samples.texels)  # [S, C, D]
     width = search.min_width * grid.spacing
     peak, models = problem.objective.peak, problem.objective.models(search.models)
-    feasible, fine = Feasible.build(width), Feasible.build(EXACT_WIDTH * width)
+    feasible, fine = (Feasible.build(w).to(grid.light) for w in (width, EXACT_WIDTH * width))
     bank = build_bank(grid, models, bank_normals(search, len(samples)), feasible)
     if peak is not None:
         feasible = feasible.or_as_narrow_as(peak.width)
