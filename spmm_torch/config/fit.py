@@ -98,7 +98,7 @@ class WeightsConfig:
         "error to minimize: l2 (squared, as in the paper), cube-root or log (approximately the "
         "squared error of values after that compression), balanced (of values and of cube roots), "
         "or auto (l2, but for glossy data balanced, or cube-root where peaks are narrower than the "
-        "directions; l2 for search.method stagewise)",
+        "directions; balanced for scattered samples; l2 for search.method stagewise)",
         choices=("auto", "l2", "balanced", "cube-root", "log"),
     )
 

@@ -95,6 +95,14 @@ class Weights:
         """Whether all weights are 1 and no pair is missing."""
         return self.pair is None and self.texel is None
 
+    def uniform_but_for(self, measured: Tensor | None) -> bool:
+        """Whether all weights are 1 but at pairs that are not `measured [D]`."""
+        if self.texel is not None:
+            return False
+        if self.pair is None or measured is None:
+            return self.pair is None
+        return bool((self.pair == measured).all())
+
     def scale(self, device: torch.device | str) -> Tensor | None:
         """The scale sqrt(w_d) of every pair, `[D]`; None if all are 1."""
         return None if self.pair is None else self.pair.to(device).sqrt()

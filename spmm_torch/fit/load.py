@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
 
 from ..config.fit import FitConfig
 from ..data import BTF
@@ -11,17 +14,35 @@ from ..data.error_weights import Weights
 from ..data.units import scaled, unit_of
 from ..runs.fingerprint import fingerprint, key_of
 from ..runtime.context import Context
+from .glossy.kinds import kinds
 from .glossy.objective import Objective
 from .plan import estimate
 from .problem import Problem
 from .weighting import compressive_weights, given_weights
 
 
-def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None) -> Problem:
-    """The problem that the other stages solve.
+@dataclass(frozen=True)
+class Loaded:
+    """The input of a fit, decoded.
+
+    Attributes:
+        btf: in a unit in which it can be computed with.
+        weights: of the errors, as the user gave them.
+        context: of the run, with the memory that is left.
+        unit: power of two by which the values of the input were multiplied.
+    """
+
+    btf: BTF
+    weights: Weights
+    context: Context
+    unit: float
+
+
+def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None) -> Loaded:
+    """Decodes the input.
 
     Args:
-        btf: the input, which is decoded here.
+        btf: the input.
         config: of the fit.
         context: of the run.
         weights: of the errors; None: those of the settings.
@@ -44,12 +65,37 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
     kept = plan.kept_bytes(budget, cached)
     context = replace(context, budget=replace(budget, kept=kept), cache=cache)
     unit = unit_of(btf)
-    btf = scaled(btf, unit)
+    return Loaded(scaled(btf, unit), weights, context, unit)
+
+
+def posed(loaded: Loaded, config: FitConfig) -> Problem:
+    """The problem that the other stages solve."""
+    btf, context = loaded.btf, loaded.context
     objective = Objective.of(btf, config, context.device)
     if told := objective.describe():
         context.progress.say(told)
     compressive = compressive_weights(btf, objective, context.device, context.ranks)
-    return Problem.build(btf, weights.times(compressive), config, context, objective, unit)
+    weights = loaded.weights.times(compressive)
+    return Problem.build(btf, weights, config, context, objective, loaded.unit)
+
+
+def posed_apart(loaded: Loaded, config: FitConfig) -> list[tuple[Tensor, Problem]]:
+    """Problems of unrelated materials by kind, with their texels `[n]`; one of a texture.
+
+    Those of several keep no finished stages.
+    """
+    parts = kinds(loaded.btf, config, loaded.context.device)
+    if len(parts) == 1 or not loaded.weights.uniform_but_for(loaded.btf.measured):
+        return [(torch.arange(loaded.btf.texel_count), posed(loaded, config))]
+    told = ", ".join(f"{len(part.texels)} {part.name}" for part in parts)
+    loaded.context.progress.say(f"materials of one kind are fit together: {told}")
+    context = replace(loaded.context, state=None)
+    problems = []
+    for part in parts:
+        own = part.part(loaded.btf)
+        one = replace(loaded, btf=own, weights=Weights.build(own), context=context)
+        problems.append((part.texels, posed(one, config)))
+    return problems
 
 
 def keyed(context: Context, btf: BTF, config: FitConfig, weights: Weights) -> Context:

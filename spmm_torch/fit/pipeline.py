@@ -13,7 +13,7 @@ from ..data.error_weights import Weights
 from ..data.scattered_btf import ScatteredBTF
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
-from ..report.contract import Ablation, Report
+from ..report.contract import Report
 from ..report.summary import (
     summarize,
     warning_of_failed_starts,
@@ -26,14 +26,16 @@ from .align import align
 from .assemble import assemble
 from .cluster import cluster_texels, sample_texels
 from .dictionary import build_dictionary
-from .load import load
+from .load import load, posed_apart
 from .mixtures import mix
+from .problem import Problem
 from .prune.ablation import ablate
 from .prune.auto import choose_models
 from .refit.stage import refit_pictures
 from .scattered.stage import fit_samples
 from .search.lobes import search_lobes
 from .select.together import fit_clusters
+from .solved import Solved, joined
 
 
 @dataclass(frozen=True)
@@ -86,72 +88,72 @@ def fit(
     config = with_lobe_limit(config or FitConfig())
     context = context or Context.build(config.device, config.seed)
     btf = obeying(btf, config.data, config.seed)
-    if isinstance(btf, ScatteredBTF):
-        return _of_samples(btf, config, context)
     with torch.no_grad(), full_precision(), context.watch("total"):
-        problem = align(load(btf, config, context, weights))
-        clusters = cluster_texels(problem)  # §4.1, k-means
-        samples = sample_texels(problem, clusters)  # §4.1, stratified
-        problem, choice = choose_models(problem, samples)
-        found = search_lobes(problem, samples)  # §3.2, Eq. 5
-        dictionary = build_dictionary(problem, found, len(clusters.members))  # §4.1
-        fits = fit_clusters(problem, clusters, dictionary)  # §3.2, stagewise Lasso; §4.1, residual
-        mixtures = mix(clusters, dictionary, fits)
-        refit = refit_pictures(problem, clusters, mixtures, fits)
-        model = assemble(problem, clusters, mixtures, refit)  # Eq. 2
-        ablation = ablate(problem, clusters.labels, dictionary)
-        pictures = _pictures(model, btf, context) if render and btf.names is None else None
-    if warning := warning_of_failed_starts(found.starts):
-        context.progress.say(warning)
-    objective = problem.objective.figures(model)
-    if guess := warning_of_narrow_lobes(objective):
-        context.progress.say(guess)
+        if isinstance(btf, ScatteredBTF):
+            solved, pictures = fit_samples(btf, config, context), None
+        else:
+            solved = _fit_grid(btf, config, context, weights)
+            has_pictures = render and btf.names is None
+            pictures = _pictures(solved.model, btf, context) if has_pictures else None
+    objective = solved.objective()
+    for warning in (warning_of_failed_starts(solved.starts), warning_of_narrow_lobes(objective)):
+        if warning:
+            context.progress.say(warning)
     figures = summarize(
         btf,
-        model,
+        solved.model,
         context,
-        totals=refit.totals.times(problem.unit**-2),
-        weighted=refit.weighted,
+        totals=solved.totals,
+        weighted=solved.weighted,
         objective=objective,
-        starts=found.starts,
-        solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits, refit)),
-        ablation=ablation,
-        auto=choice.report() if choice else None,
+        starts=solved.starts,
+        solvers=solved.solvers,
+        ablation=solved.ablation,
+        auto=solved.auto,
         mssim=pictures.likeness.mssim if pictures else None,
         sharpness=pictures.slices.sharpness if pictures else None,
         display=pictures.slices.display if pictures else None,
     )
-    info = {"labels": clusters.labels, "samples": samples.texels, "lobes_found": len(found.lobes)}
-    return FitResult(model, figures, info, pictures)
-
-
-def _of_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> FitResult:
-    """The fit of scattered samples, without pictures."""
-    with torch.no_grad(), full_precision(), context.watch("total"):
-        found = fit_samples(btf, config, context)
-    if warning := warning_of_failed_starts(found.starts):
-        context.progress.say(warning)
-    figures = summarize(
-        btf,
-        found.model,
-        context,
-        totals=found.totals,
-        weighted=found.weighted,
-        objective=found.objective,
-        starts=found.starts,
-        solvers=found.solvers,
-        ablation=Ablation(),
-        auto=None,
-        mssim=None,
-        sharpness=None,
-        display=None,
-    )
     info = {
-        "labels": found.model.labels,
-        "samples": found.samples,
-        "lobes_found": found.lobes_found,
+        "labels": solved.model.labels,
+        "samples": solved.samples,
+        "lobes_found": solved.lobes_found,
     }
-    return FitResult(found.model, figures, info)
+    return FitResult(solved.model, figures, info, pictures)
+
+
+def _fit_grid(btf: BTF, config: FitConfig, context: Context, weights: Weights | None) -> Solved:
+    """The fit of a BTF; unrelated materials are fit kind by kind."""
+    parts = posed_apart(load(btf, config, context, weights), config)
+    solved = [_solve(problem) for _, problem in parts]
+    if len(parts) == 1:
+        return solved[0]
+    return joined(solved, [texels for texels, _ in parts], btf)
+
+
+def _solve(problem: Problem) -> Solved:
+    """All stages between the values and the model."""
+    problem = align(problem)
+    clusters = cluster_texels(problem)  # §4.1, k-means
+    samples = sample_texels(problem, clusters)  # §4.1, stratified
+    problem, choice = choose_models(problem, samples)
+    found = search_lobes(problem, samples)  # §3.2, Eq. 5
+    dictionary = build_dictionary(problem, found, len(clusters.members))  # §4.1
+    fits = fit_clusters(problem, clusters, dictionary)  # §3.2, stagewise Lasso; §4.1, residual
+    mixtures = mix(clusters, dictionary, fits)
+    refit = refit_pictures(problem, clusters, mixtures, fits)
+    return Solved(
+        model=assemble(problem, clusters, mixtures, refit),  # Eq. 2
+        totals=refit.totals.times(problem.unit**-2),
+        weighted=refit.weighted,
+        objectives=(problem.objective,),
+        starts=found.starts,
+        solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits, refit)),
+        samples=samples.texels,
+        lobes_found=len(found.lobes),
+        ablation=ablate(problem, clusters.labels, dictionary),
+        auto=choice.report() if choice else None,
+    )
 
 
 def _pictures(model: SPMM, btf: BTF, context: Context) -> Looks | None:

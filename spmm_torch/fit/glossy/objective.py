@@ -12,7 +12,6 @@ between directions. Errors there count by the share of that angle which the peak
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -21,12 +20,11 @@ from torch import Tensor
 from ...brdf import PAPER_MODELS
 from ...config.fit import FitConfig
 from ...data import BTF
-from ...data.pair_lists import PairList
 from ...lobes.grid import DirectionGrid
 from ...lobes.sampling import specular_mask
 from ...model.spmm import SPMM
 from ...report.contract import ObjectiveFigures
-from .measure import ENERGY, PAIRS, TEXELS, is_glossy, some_texels
+from .measure import ENERGY, PAIRS, is_glossy, some_texels
 from .peaks import NARROW, Unresolved, peak_pairs, unresolved
 from .trial import looks_right
 
@@ -78,15 +76,15 @@ class Objective:
         return cls(error, chosen, width, peak, pair)
 
     @classmethod
-    def of_lists(cls, lists: Sequence[PairList], config: FitConfig) -> Objective:
-        """The objective of scattered samples: directions of a list resolve what they see."""
+    def of_lists(cls, config: FitConfig) -> Objective:
+        """The objective of scattered samples, which tell by their own density nothing of gloss.
+
+        Directions of a list resolve what they see.
+        """
         error, chosen = config.weights.error, config.weights.error == "auto"
         if error == "l2" or (chosen and config.search.method == "stagewise"):
             return cls()
-        if not chosen:
-            return cls(error)
-        glossy = [is_glossy(part.values[:TEXELS].transpose(1, 2)) for part in lists[:TEXELS]]
-        return cls("balanced" if 2 * sum(glossy) > len(glossy) else "l2", chosen)
+        return cls("balanced" if chosen else error)
 
     @property
     def compressed(self) -> bool:

@@ -6,10 +6,7 @@ by its own pairs. There is no residual and no relief: both live on a grid of lig
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
-from torch import Tensor
 
 from ...config.fit import FitConfig, WeightsConfig
 from ...data.error_weights import UNIFORM
@@ -23,7 +20,6 @@ from ...model.lookup import SparseWeights
 from ...model.residual import Residual
 from ...model.spmm import SPMM
 from ...model.stored_weights import WEIGHT_TYPES, rounded
-from ...report.contract import ObjectiveFigures
 from ...report.wording import plural
 from ...runtime.context import Context
 from ...solvers.status import StatusCounts
@@ -31,36 +27,12 @@ from ..glossy.objective import Objective
 from ..load import keyed
 from ..mixtures import Mixtures
 from ..refit.system import FAINT, MAX_ROUNDING_DB
+from ..solved import Solved
 from .search import Task, distinct_lobes, found_lobes, search_tasks
 from .select import ListFit, fit_list
 
 
-@dataclass(frozen=True)
-class SampleFit:
-    """What a fit of scattered samples gives.
-
-    Attributes:
-        model: the mixture model, on the CPU.
-        totals: squared errors over all samples.
-        weighted: the same by the weights of the fit; None where these are all 1.
-        objective: what was minimized.
-        starts: of the search, `[3]`.
-        solvers: problems solved, by solver and status.
-        samples: texels that were searched, `[S]`.
-        lobes_found: their number, repeats included.
-    """
-
-    model: SPMM
-    totals: Totals
-    weighted: Totals | None
-    objective: ObjectiveFigures
-    starts: Tensor
-    solvers: StatusCounts
-    samples: Tensor
-    lobes_found: int
-
-
-def fit_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> SampleFit:
+def fit_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> Solved:
     """Fits a model to scattered samples.
 
     Args:
@@ -78,10 +50,9 @@ def fit_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> Sampl
         btf.load()
         unit = unit_of(btf)
         near = btf.scaled(unit)
-        objective = Objective.of_lists(near.lists, config)
-    for line in (*btf.notes, described(btf), objective.describe()):
-        if line:
-            context.progress.say(line)
+        objective = Objective.of_lists(config)
+    for line in (*btf.notes, described(btf)):
+        context.progress.say(line)
     tasks = search_tasks(near, config, context, objective)
     found = found_lobes(tasks, context)
     lobes = distinct_lobes(found, tasks, context)
@@ -90,11 +61,11 @@ def fit_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> Sampl
         model, totals = _stored(btf, _mixtures(lobes, fits, btf.texel_count, unit), config)
     own = [fit.solvers for fit in fits]
     compressed = objective.compressed
-    return SampleFit(
+    return Solved(
         model,
         totals,
         Totals.sum(fit.weighted for fit in fits).times(unit**-2) if compressed else None,
-        objective.figures(model),
+        (objective,),
         found.starts,
         StatusCounts.sum([*(task.samples.solvers for task in tasks), found.solvers, *own]),
         torch.cat([task.pairs.texels[task.samples.texels] for task in tasks]),

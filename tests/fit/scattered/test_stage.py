@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -133,12 +132,9 @@ def test_settings_that_need_a_grid_are_refused(
         quick(save_samples(tmp_path / "a.npz", 1, 20), **settings)
 
 
-@pytest.mark.parametrize(
-    ("error", "highlights", "expected"),
-    [("auto", True, "balanced"), ("auto", False, "l2"), ("log", False, "log"), ("l2", True, "l2")],
-)
-def test_glossy_samples_have_balanced_errors(
-    long_list: Callable[[bool], Any], error: str, highlights: bool, expected: str
-) -> None:
-    config = FitConfig.from_dict({"weights": {"error": error}})
-    assert Objective.of_lists([long_list(highlights)], config).error == expected
+def test_errors_of_values_and_of_cube_roots_count_unless_the_settings_say_otherwise() -> None:
+    for asked, error in (("auto", "balanced"), ("log", "log"), ("l2", "l2")):
+        config = FitConfig.from_dict({"weights": {"error": asked}})
+        assert Objective.of_lists(config).error == error
+    paper = FitConfig.from_dict({"search": {"method": "stagewise"}})
+    assert Objective.of_lists(paper).error == "l2"

@@ -1,0 +1,78 @@
+"""Materials of one kind: those that one objective suits, among texels that are no neighbours.
+
+Errors of a texture are weighed alike in all texels. Unrelated materials in one fit may be matt,
+glossy, or mirrors of metal or of a dielectric, and what suits one harms another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from ...config.fit import FitConfig
+from ...data import BTF
+from ...data.blocks import block_texels
+from ...data.pair_lists import ListStore
+from ...lobes.grid import DirectionGrid
+from ...runtime.memory import slices
+from .measure import is_glossy
+from .peaks import unresolved
+
+MATT, GLOSSY, DIELECTRIC, METAL = "matt", "glossy", "mirrors of dielectrics", "mirrors of metal"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Materials of one kind.
+
+    Attributes:
+        name: of the kind.
+        texels: their indices, ascending, `[n]`.
+    """
+
+    name: str
+    texels: Tensor
+
+    def part(self, btf: BTF) -> BTF:
+        """The BTF of these materials alone, in memory."""
+        store = ListStore(btf.texels(self.texels))
+        own = btf.restricted(self.texels, (1, len(self.texels)))
+        return replace(own, open_store=lambda part, loading: store, cosine_missing=False)
+
+
+def kinds(btf: BTF, config: FitConfig, device: torch.device) -> list[Kind]:
+    """The kinds of materials, most of them first; one where texels are a texture.
+
+    Args:
+        btf: decoded.
+        config: of the fit; where it says what to minimize, that is for all.
+        device: of the computation.
+    """
+    every = Kind(MATT, torch.arange(btf.texel_count))
+    plain = config.weights.error != "auto" or config.search.method == "stagewise" or config.auto
+    if btf.names is None or btf.texel_count == 1 or plain:
+        return [every]
+    grid = DirectionGrid.build(btf.light, btf.view, device)
+    width = config.search.min_width * grid.spacing
+    names = [
+        _kind(grid, value[None], width)
+        for block in slices(btf.texel_count, block_texels(btf, device))
+        for value in btf.signals(block, device)
+    ]
+    found = [
+        Kind(name, torch.tensor([texel for texel, own in enumerate(names) if own == name]))
+        for name in dict.fromkeys(names)
+    ]
+    return sorted(found, key=lambda kind: -len(kind.texels))
+
+
+def _kind(grid: DirectionGrid, value: Tensor, width: float) -> str:
+    """The kind of one material, of values `[1, C, D]`."""
+    if not bool(value.any()) or not is_glossy(value):
+        return MATT
+    peak = unresolved(grid, value, width)
+    if peak is None:
+        return GLOSSY
+    return METAL if peak.metal else DIELECTRIC

@@ -1,0 +1,105 @@
+"""Unrelated materials in one fit: each kind as its own objective has it, and one model of all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from spmm_torch import BTF, SPMM, FitConfig
+from spmm_torch.evaluate.sums import squared_errors
+from spmm_torch.fit import FitResult, fit
+from spmm_torch.fit.glossy.kinds import DIELECTRIC, GLOSSY, MATT, METAL, kinds
+from spmm_torch.fit.glossy.peaks import DIELECTRIC as DIELECTRIC_F0
+from spmm_torch.fit.glossy.peaks import METAL as METAL_F0
+from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.metrics import snr_db
+from tests.fit.glossy.test_peaks import GRID, WIDTH, lobe, samples
+from tests.planted.btfs import texel_btf
+
+CPU = torch.device("cpu")
+QUICK: dict[str, Any] = {
+    "search": {"models": ["lambertian", "oren_nayar", "cook_torrance"], "exchanges": 0},
+    "residual": {"rank": 2},
+}
+
+
+def matt(brightness: float) -> Tensor:
+    """Values `[1, 3, D]` of a dull surface that leans to one side."""
+    wi, wo = GRID.at(torch.arange(GRID.pair_count))
+    value = wi[:, 2] * (1.0 + 0.3 * wo[:, 0])
+    return (brightness * value)[None, None].expand(1, 3, -1)
+
+
+MATERIALS = (
+    matt(0.2),
+    samples(lobe(0.01, DIELECTRIC_F0)),
+    matt(0.1),
+    samples(lobe(0.012, METAL_F0)),
+    samples(lobe(1.5 * WIDTH, METAL_F0)),
+    samples(lobe(0.012, DIELECTRIC_F0)),
+)
+KINDS = {MATT: [0, 2], DIELECTRIC: [1, 5], METAL: [3], GLOSSY: [4]}
+
+
+def named(*values: Tensor) -> BTF:
+    """A BTF of materials that are no neighbours."""
+    btf = texel_btf(torch.cat(values).transpose(1, 2), ring_directions())
+    return replace(btf, names=tuple(f"material {index}" for index in range(len(values))))
+
+
+@cache
+def fitted() -> FitResult:
+    return fit(named(*MATERIALS), FitConfig.from_dict(QUICK), render=False)
+
+
+def texel_snr(model: SPMM, values: Tensor, texel: int) -> float:
+    wi, wo = GRID.at(torch.arange(GRID.pair_count))
+    place = torch.tensor([(texel + 0.5) / model.width, 0.5]).expand(len(wi), 2)
+    with torch.no_grad():
+        error = (model(place, wi, wo).T - values[0]).square().sum()
+    return snr_db(float(values.square().sum()), float(error))
+
+
+def test_the_kinds_are_found() -> None:
+    btf = named(*MATERIALS)
+    found = kinds(btf, FitConfig(), CPU)
+    assert {kind.name: kind.texels.tolist() for kind in found} == KINDS
+    assert [len(kind.texels) for kind in found] == [2, 2, 1, 1]
+    part = found[0].part(btf)
+    assert part.names == tuple(f"material {texel}" for texel in found[0].texels.tolist())
+    assert part.texels().equal(btf.texels(found[0].texels))
+
+
+@pytest.mark.parametrize(
+    "changes", [{"weights": {"error": "l2"}}, {"search": {"method": "stagewise"}}, {"auto": True}]
+)
+def test_what_the_settings_say_is_for_all(changes: dict[str, Any]) -> None:
+    config = FitConfig.from_dict(changes)
+    assert len(kinds(named(*MATERIALS), config, CPU)) == 1
+    assert len(kinds(replace(named(*MATERIALS), names=None), FitConfig(), CPU)) == 1
+
+
+def test_one_model_has_the_errors_of_its_parts() -> None:
+    result, btf = fitted(), named(*MATERIALS)
+    every = torch.ones(btf.pair_count, dtype=torch.bool)
+    totals = squared_errors(result.model, btf, every).totals(every).snr_db()
+    for key in ("without_residual", "with_residual"):
+        assert totals[key] == pytest.approx(result.report["snr_db"][key], abs=0.05)
+    assert result.report["objective"]["narrow_lobes"] > 0
+    assert set(result.report["objective"]["error"].split(", ")) >= {"l2", "cube-root"}
+    loaded = SPMM.from_tensors(*result.model.to_tensors())
+    assert texel_snr(loaded, MATERIALS[5], 5) == texel_snr(result.model, MATERIALS[5], 5)
+
+
+def test_a_material_is_no_worse_than_alone() -> None:
+    model = fitted().model
+    for texel in (0, 2):
+        alone = fit(named(MATERIALS[texel]), FitConfig.from_dict(QUICK), render=False).model
+        assert texel_snr(model, MATERIALS[texel], texel) > min(
+            60.0, texel_snr(alone, MATERIALS[texel], 0) - 1.0
+        )
