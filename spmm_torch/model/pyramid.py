@@ -93,6 +93,66 @@ class Pyramid(nn.Module):
         assert total is not None
         return total.view(*shape, total.shape[-1])
 
+    @torch.no_grad()
+    def pdf(self, uv: Tensor, wi: Tensor, wo: Tensor, footprint: Tensor) -> Tensor:
+        """Density `[...]` of `sample` at wi, in 1/sr: those of the levels, mixed as values are.
+
+        Args:
+            uv, wi, wo, footprint: as in `forward`.
+
+        Raises:
+            DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
+        """
+        parts = uv.shape[:-1], wi.shape[:-1], wo.shape[:-1], footprint.shape
+        shape = torch.broadcast_shapes(*parts)
+        uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
+        shares = self.shares(footprint.expand(shape).reshape(-1)).to(wo.dtype)
+        density = wo.new_zeros(len(wo))
+        for level, share in zip(self._models(), shares.unbind(-1), strict=True):
+            rows = torch.nonzero(share).squeeze(-1)
+            part = share[rows] * level.pdf(uv[rows], wi[rows], wo[rows])
+            density = density.index_add(0, rows, part.to(density.dtype))
+        return density.view(shape)
+
+    def sample(
+        self, uv: Tensor, wo: Tensor, u: Tensor, footprint: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        """Light directions drawn by importance: each by one level, chosen by its share.
+
+        Args:
+            uv, wo, footprint: as in `forward`.
+            u: uniform numbers `[..., 3]` in [0, 1).
+
+        Returns:
+            (wi `[..., 3]`, the value of `forward` `[..., C]`, its density `[...]`; see `pdf`).
+
+        Raises:
+            DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
+        """
+        parts = uv.shape[:-1], wo.shape[:-1], u.shape[:-1], footprint.shape
+        shape = torch.broadcast_shapes(*parts)
+        uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
+        side = footprint.expand(shape).reshape(-1)
+        with torch.no_grad():
+            wi = self._drawn(uv, wo, u, self.shares(side).to(u.dtype))
+        value, density = self(uv, wi, wo, side), self.pdf(uv, wi, wo, side)
+        return wi.view(*shape, 3), value.view(*shape, value.shape[1]), density.view(shape)
+
+    def _drawn(self, uv: Tensor, wo: Tensor, u: Tensor, shares: Tensor) -> Tensor:
+        """wi `[Q, 3]`; the first of the numbers `u [Q, 3]` chooses a level by `shares [Q, N]`."""
+        reach = shares.cumsum(-1)
+        number = torch.arange(shares.shape[1], device=shares.device)
+        last = torch.where(shares > 0.0, number, 0).amax(-1, keepdim=True)  # sums may round below 1
+        chosen = (u[:, :1] >= reach).sum(-1, keepdim=True).minimum(last)
+        share = shares.gather(1, chosen)
+        left = (u[:, :1] - reach.gather(1, chosen) + share) / share
+        rest = torch.cat((left.clamp(0.0, 1.0 - torch.finfo(u.dtype).eps), u[:, 1:]), dim=1)
+        wi = torch.empty_like(wo)
+        for place, level in enumerate(self._models()):
+            rows = torch.nonzero(chosen[:, 0] == place).squeeze(-1)
+            wi[rows] = level.sample(uv[rows], wo[rows], rest[rows])[0]
+        return wi
+
     def shares(self, footprint: Tensor) -> Tensor:
         """The part of each of N levels in the value of an area, `[..., N]`.
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from spmm_torch import SPMM, OutputError
+from spmm_torch.geometry.warp import square_to_uniform_hemisphere
 from spmm_torch.model.pyramid import Pyramid
 from tests.planted.directions import random_directions
 from tests.planted.models import planted_model
@@ -47,6 +48,20 @@ def test_between_levels_values_are_mixed(levels: list[SPMM]) -> None:
     torch.testing.assert_close(pyramid(*given, footprint), expected)
     transformed = torch.func.vmap(pyramid)(*given, footprint)
     torch.testing.assert_close(transformed, expected, rtol=1e-4, atol=1e-6)
+
+
+def test_samples_weigh_the_light_of_an_area(levels: list[SPMM]) -> None:
+    """The mean of value / density is the integral of values, and the density integrates to 1."""
+    pyramid, footprint = Pyramid(levels), torch.tensor(2**0.4 / WIDTH)
+    uv, wo = torch.tensor([0.3, 0.6]), torch.tensor([0.48, 0.0, 0.8773825])
+    u = torch.quasirandom.SobolEngine(3).draw(1 << 14)
+    even = square_to_uniform_hemisphere(u[:, :2])
+    values = pyramid(uv, even, wo, footprint).mean(dim=0) * (2.0 * torch.pi)
+    total = pyramid.pdf(uv, even, wo, footprint).mean() * (2.0 * torch.pi)
+    torch.testing.assert_close(total, torch.tensor(1.0), rtol=5e-3, atol=0.0)
+    wi, value, density = pyramid.sample(uv, wo, u, footprint)
+    torch.testing.assert_close((value / density[:, None]).mean(dim=0), values, rtol=1e-2, atol=0.0)
+    assert pyramid.sample(uv, wo, u[:0], footprint)[0].shape == (0, 3)
 
 
 def test_shapes_gradients_and_nothing(levels: list[SPMM]) -> None:
