@@ -233,7 +233,7 @@ class Feasible:
         return whole._ending_at(min_width, within=True) if min_width > 0.0 else whole
 
     def to(self, like: Tensor) -> Feasible:
-        """The same bounds with the type and device of a tensor, for which `project` need not ask."""
+        """The same bounds with the type and device of a tensor, so that `project` moves none."""
         gap = None if self.gap is None else self.gap.to(like)
         return Feasible(self.low.to(like), self.high.to(like), gap)
 

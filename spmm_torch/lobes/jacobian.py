@@ -153,21 +153,19 @@ def _fill(block: Tensor, spans: Spans, lobes: _Lobes, angles: Angles, scale: Ten
     ]
     known = [part for part in slopes if part is not None]
     if not alone and len(known) == len(slopes):
-        _assemble(block, _joined(known, spans, block.shape[2:]), lobes, scale, tangents=True)
+        _assemble(block, _joined(known, spans, block.shape[2:]), lobes, scale)
         return
     for (model, rows), part in zip(spans, slopes, strict=True):
         if part is None:
             _assemble_recorded(block[rows], model, lobes[rows], scale)
         else:
-            tangents = REGISTRY[model].anisotropic
-            _assemble(block[rows], part, lobes[rows], scale, tangents=tangents)
+            _assemble(block[rows], part, lobes[rows], scale)
 
 
-def _assemble(
-    block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None, *, tangents: bool
-) -> None:
+def _assemble(block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None) -> None:
     """Writes rho and its derivatives, given those of the logarithm of f_r, to `block`."""
     rho = block[:, 0]
+    tangents = slopes.half[0] is not None or slopes.half[1] is not None
     torch.mul(slopes.value, lobes.end_i, out=rho)  # Eq. (3)
     rho.mul_(lobes.end_o if scale is None else lobes.end_o * scale)
     slope_i = _sum(slopes.cos_theta_i, lobes.slope_i)
