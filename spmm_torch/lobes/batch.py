@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -186,14 +187,9 @@ def decoded(spans: Spans, coordinates: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
     As by `decode`, of search `coordinates [J, COORDINATES]`.
     """
-    kappa = torch.zeros_like(coordinates[:, 3:])
-    turn = coordinates.new_zeros(len(coordinates))
-    for index, rows in spans:
-        for column, row in enumerate(REGISTRY[index].parameters):
-            kappa[rows, column] = row.from_unit(coordinates[rows, 3 + column])
-        if REGISTRY[index].anisotropic:
-            turn[rows] = 1.0
-    return kappa, normal_from_disk(coordinates[:, :2]), coordinates[:, 2] * turn
+    table = Scales.of(spans, coordinates)
+    angle = coordinates[:, 2] * table.turn
+    return table.values(coordinates[:, 3:]), normal_from_disk(coordinates[:, :2]), angle
 
 
 def encode(lobes: LobeBatch) -> Tensor:
@@ -203,6 +199,62 @@ def encode(lobes: LobeBatch) -> Tensor:
         for column, row in enumerate(REGISTRY[index].parameters):
             unit[rows, column] = row.to_unit(lobes.kappa[rows, column])
     return torch.cat((disk_from_normal(lobes.normal), lobes.angle[:, None], unit), dim=1)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """The scales of the parameters of J lobes, so that lobes of all models share operations.
+
+    Attributes:
+        low, growth: of `low exp(growth unit)` where `log` is 1, else of `low + growth unit`,
+            `[J, MAX_PARAMETERS]`.
+        log: `[J, MAX_PARAMETERS]`.
+        turn: 1 for lobes that have a tangent, else 0, `[J]`.
+    """
+
+    low: Tensor
+    growth: Tensor
+    log: Tensor
+    turn: Tensor
+
+    @classmethod
+    def of(cls, spans: Spans, like: Tensor) -> Scales:
+        """Those of lobes in the order of their models, in the type and device of a tensor."""
+        table = _scales(type(like), like.device, like.dtype)  # [models, 3 MAX_PARAMETERS + 1]
+        rows = (
+            torch.cat([table[index].expand(own.stop - own.start, -1) for index, own in spans])
+            if spans
+            else table[:0]
+        )
+        low, growth, log = rows[:, :-1].unflatten(1, (3, MAX_PARAMETERS)).unbind(1)
+        return cls(low, growth, log, rows[:, -1])
+
+    def values(self, unit: Tensor) -> Tensor:
+        """Parameters in their own units at `unit [J, MAX_PARAMETERS]`, as `Parameter.from_unit`."""
+        ratio = torch.exp(unit * self.growth * self.log)
+        return self.low * ratio + (1.0 - self.log) * self.growth * unit
+
+    def slopes(self, kappa: Tensor) -> Tensor:
+        """d kappa / d unit at parameters `kappa [J, MAX_PARAMETERS]`."""
+        return self.growth * torch.where(self.log > 0.0, kappa, 1.0)
+
+
+@cache
+def _scales(kind: type[Tensor], device: torch.device, dtype: torch.dtype) -> Tensor:
+    """Rows of `Scales` for all models, `[models, 3 MAX_PARAMETERS + 1]`: low, growth, log, turn.
+
+    A simulated device has tensors of a `kind` of their own.
+    """
+    rows = []
+    for brdf in REGISTRY:
+        logs = [row.scale == "log" for row in brdf.parameters]
+        pairs = list(zip(brdf.parameters, logs, strict=True))
+        growth = [math.log(row.high / row.low) if log else row.high - row.low for row, log in pairs]
+        padding = [0.0] * (MAX_PARAMETERS - len(pairs))
+        low = [row.low for row in brdf.parameters]
+        own = [*low, *padding, *growth, *padding, *map(float, logs), *padding]
+        rows.append([*own, float(brdf.anisotropic)])
+    return torch.tensor(rows, dtype=dtype, device=device)
 
 
 @dataclass(frozen=True)
@@ -233,7 +285,7 @@ class Feasible:
         return whole._ending_at(min_width, within=True) if min_width > 0.0 else whole
 
     def to(self, like: Tensor) -> Feasible:
-        """The same bounds with the type and device of a tensor, for which `project` need not ask."""
+        """The same bounds with the type and device of a tensor, so that `project` moves none."""
         gap = None if self.gap is None else self.gap.to(like)
         return Feasible(self.low.to(like), self.high.to(like), gap)
 

@@ -17,9 +17,9 @@ from torch import Tensor
 from ..brdf import MAX_PARAMETERS, REGISTRY
 from ..brdf.base import Vectors
 from ..brdf.slopes import Angles, LocalPairs, Slopes
-from ..geometry.directions import frame_from_normal
+from ..geometry.directions import frame_from_normal, normal_from_disk
 from ..runtime.memory import slices
-from .batch import COORDINATES, decoded
+from .batch import COORDINATES, Scales
 from .cut import view_step, view_step_slope
 from .ragged import Spans, in_spans, spans_within
 from .recorded import record
@@ -105,9 +105,11 @@ class _Lobes:
         cls, spans: Spans, coordinates: Tensor, wi: Tensor, wo: Tensor, horizon: float
     ) -> _Lobes:
         """Lobes at search `coordinates [J, COORDINATES]` that see the directions `[1, ..., 3]`."""
-        kappa, normal, angle = decoded(spans, coordinates)
+        table = Scales.of(spans, coordinates)
+        kappa, normal = table.values(coordinates[:, TURNS:]), normal_from_disk(coordinates[:, :2])
+        angle = coordinates[:, 2] * table.turn
         frame = frame_from_normal(normal, angle)
-        spins = _spins(spans, coordinates, frame)  # [J, TURNS, 3]
+        spins = _spins(table.turn, coordinates, frame)  # [J, TURNS, 3]
         turned = torch.linalg.cross(spins[..., None], frame[:, None], dim=2)  # [J, TURNS, 3, 3]
         frames = torch.cat((frame[:, None], turned), dim=1)
         local_i, local_o = _seen(frames, wi), _seen(frames, wo)
@@ -116,7 +118,7 @@ class _Lobes:
         middle = (1,) * (wi.ndim - 2)
         return cls(
             kappa.view(*kappa.shape, *middle),
-            _growth(spans, kappa).view(*kappa.shape, *middle),
+            table.slopes(kappa).view(*kappa.shape, *middle),
             local_i,
             local_o,
             z_i.clamp(min=0.0) * (wi[..., 2] > 0.0),
@@ -153,21 +155,19 @@ def _fill(block: Tensor, spans: Spans, lobes: _Lobes, angles: Angles, scale: Ten
     ]
     known = [part for part in slopes if part is not None]
     if not alone and len(known) == len(slopes):
-        _assemble(block, _joined(known, spans, block.shape[2:]), lobes, scale, tangents=True)
+        _assemble(block, _joined(known, spans, block.shape[2:]), lobes, scale)
         return
     for (model, rows), part in zip(spans, slopes, strict=True):
         if part is None:
             _assemble_recorded(block[rows], model, lobes[rows], scale)
         else:
-            tangents = REGISTRY[model].anisotropic
-            _assemble(block[rows], part, lobes[rows], scale, tangents=tangents)
+            _assemble(block[rows], part, lobes[rows], scale)
 
 
-def _assemble(
-    block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None, *, tangents: bool
-) -> None:
+def _assemble(block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None) -> None:
     """Writes rho and its derivatives, given those of the logarithm of f_r, to `block`."""
     rho = block[:, 0]
+    tangents = slopes.half[0] is not None or slopes.half[1] is not None
     torch.mul(slopes.value, lobes.end_i, out=rho)  # Eq. (3)
     rho.mul_(lobes.end_o if scale is None else lobes.end_o * scale)
     slope_i = _sum(slopes.cos_theta_i, lobes.slope_i)
@@ -250,15 +250,6 @@ def _parameters(model: int, kappa: Tensor) -> tuple[Tensor, ...]:
     return kappa[:, : len(REGISTRY[model].parameters)].unbind(1)
 
 
-def _growth(spans: Spans, kappa: Tensor) -> Tensor:
-    """d kappa / d search coordinate, `[J, P]`."""
-    growth = torch.zeros_like(kappa)
-    for model, rows in spans:
-        for column, row in enumerate(REGISTRY[model].parameters):
-            growth[rows, column] = row.slope(kappa[rows, column])
-    return growth
-
-
 def _seen(frames: Tensor, w: Tensor) -> Tensor:
     """Local directions `[J, F, 3, ...]` of `w [1, ..., 3]`, for `frames [J, F, 3, 3]`.
 
@@ -269,8 +260,10 @@ def _seen(frames: Tensor, w: Tensor) -> Tensor:
     return a * x + b * y + c * z
 
 
-def _spins(spans: Spans, coordinates: Tensor, frame: Tensor) -> Tensor:
+def _spins(turn: Tensor, coordinates: Tensor, frame: Tensor) -> Tensor:
     """Rotations omega `[J, TURNS, 3]` of the frames, in local axes, along disk x, y and angle.
+
+    `turn [J]` is 1 for lobes that have a tangent.
 
     As n moves by dn, the shortest rotation from z to n turns about n by
     (n_x dn_y - n_y dn_x) / (1 + n_z).
@@ -287,7 +280,5 @@ def _spins(spans: Spans, coordinates: Tensor, frame: Tensor) -> Tensor:
         spin = (normal[:, 0] * step[:, 1] - normal[:, 1] * step[:, 0]) / (1.0 + normal[:, 2])
         spins.append(torch.stack((local[:, 1], -local[:, 0], spin), dim=1))
     about_normal = torch.zeros_like(normal)
-    for model, rows in spans:
-        if REGISTRY[model].anisotropic:
-            about_normal[rows, 2] = -1.0
+    about_normal[:, 2] = -turn
     return torch.stack((*spins, about_normal), dim=1)

@@ -29,8 +29,8 @@ from .mixtures import Mixtures
 SOLVED = 1e-7
 # Rows that one batch of restarts should fill, and most restarts, where the settings do not tell.
 BATCH_ROWS, MAX_RESTARTS = 256, 8
-# Values of a Jacobian that are held at once: 16 MB on a CPU, 4 GB on a GPU. What has more than 32 MB
-# goes back to the system, which clears its pages anew at every step.
+# Values of a Jacobian that are held at once: 16 MB on a CPU, 4 GB on a GPU. What is over 32 MB goes
+# back to the system, which clears its pages anew at every step.
 CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 22, 1 << 30
 # Samples on which lobes are exchanged, spread over all clusters, with many restarts each. If there
 # are more samples, a turn pays only while it takes this fraction of the error away.
