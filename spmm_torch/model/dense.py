@@ -216,10 +216,16 @@ def residual_sums(
     total = weight.new_zeros(1, residual.code.shape[-1])
     if len(residual.code):
         cluster = labels[texel]  # [Q, 4]
-        code = residual.code.flatten(1, 2)[cluster[:, :, None], pair[:, None]]  # [Q, 4, 9, C]
         mixed = bilinear * residual.scale.to(weight.dtype)[cluster]
         mixed = mixed[:, :, None] * weight[:, None]  # [Q, 4, 9]
-        total = total + (code.to(weight.dtype) * mixed[..., None]).sum((1, 2))
+        row = cluster[:, :, None] * residual.code[0, ..., 0].numel() + pair[:, None]
+        table = residual.code.flatten(0, 2)  # [K V L, C]
+        if on_lists(weight):  # several times as fast as compiled lookups
+            given = row.flatten(1), table.to(weight.dtype)
+            found = embedding_bag(*given, mode="sum", per_sample_weights=mixed.flatten(1))
+        else:
+            found = (table[row].to(weight.dtype) * mixed[..., None]).sum((1, 2))
+        total = total + found
     if components is not None:
         total = total + components_sums(components, texel, bilinear, pair, weight)
     return total
