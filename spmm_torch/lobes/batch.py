@@ -8,7 +8,7 @@ lobe.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -107,9 +107,8 @@ class LobeBatch:
             DataError: lobes or directions in float16 or bfloat16.
         """
         shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
-        together = wi.is_cuda and not torch.is_grad_enabled()  # gradients by blocks, as on a CPU
-        if together and 0 < len(self) * shape.numel() <= CUDA_BLOCK:
-            return self._eval_together(wi, wo)
+        if in_one_block(wi, len(self) * shape.numel()):
+            return together(self.model, lambda *by_model: self._eval_together(*by_model, wi, wo))
         blocks = list(self._blocks(wi, wo))
         if not blocks:
             return wi.new_zeros(0, *shape)
@@ -119,15 +118,12 @@ class LobeBatch:
             return value
         return value.index_select(0, torch.argsort(order))
 
-    def _eval_together(self, wi: Tensor, wo: Tensor) -> Tensor:
-        """`eval` of all models in one block, which has far fewer operations."""
-        order, spans = in_spans(self.model, len(REGISTRY))
+    def _eval_together(self, spans: Spans, order: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+        """`eval` of lobes in the order of their models, given by `order [J]` and `spans`."""
         part_wi = wi if wi.shape[0] == 1 else wi.index_select(0, order)
         part_wo = wo if wo.shape[0] == 1 else wo.index_select(0, order)
         _, kappa, normal, angle = (part.index_select(0, order) for part in self._parts())
-        ends = self.horizon, self.lowest
-        value = eval_models(spans, kappa, normal, angle, part_wi, part_wo, *ends)
-        return value.index_select(0, torch.argsort(order))
+        return eval_models(spans, kappa, normal, angle, part_wi, part_wo, self.horizon, self.lowest)
 
     def eval_grid(self, light: Tensor, view: Tensor) -> Tensor:
         """rho_j on all pairs of lights `[L, 3]` and views `[V, 3]`: `[J, D]` [WDR11 Eq. 3]."""
@@ -156,6 +152,26 @@ class LobeBatch:
     def _parts(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """All tensors, in the order of the fields."""
         return self.model, self.kappa, self.normal, self.angle
+
+
+def in_one_block(tensor: Tensor, values: int) -> bool:
+    """Whether so many values of lobes are computed by `together`: on a GPU, without gradients.
+
+    Gradients are taken block by block, as on a CPU.
+    """
+    return tensor.is_cuda and not torch.is_grad_enabled() and 0 < values <= CUDA_BLOCK
+
+
+def together(model: Tensor, values: Callable[[Spans, Tensor], Tensor]) -> Tensor:
+    """Values `[J, ...]` of lobes of all models in one block, which has far fewer operations.
+
+    Args:
+        model: of the lobes, `[J]`.
+        values: function of where each model lies among the sorted lobes, and of their order `[J]`;
+            it gives the values in that order.
+    """
+    order, spans = in_spans(model, len(REGISTRY))
+    return values(spans, order).index_select(0, torch.argsort(order))
 
 
 def anisotropic_mask(model: Tensor) -> Tensor:

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from ..brdf import REGISTRY
 from ..geometry.directions import angular_spacing, half_vectors
 from ..geometry.neighbours import nearest
-from .batch import CUDA_BLOCK, LobeBatch, decode, decoded
+from .batch import LobeBatch, decode, decoded, in_one_block, together
 from .jacobian import linearize
-from .ragged import in_spans
+from .ragged import Spans
 from .values import eval_models
 
 # Two lobes whose values correlate more than this count as the same lobe.
@@ -136,12 +135,13 @@ class DirectionGrid:
     def values(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """Values `[S, M, D]` of lobes `model [S, M]` at search `coordinates [S, M, P]`."""
         flat, place = model.reshape(-1), coordinates.flatten(0, 1)
-        together = place.is_cuda and not torch.is_grad_enabled()
-        if together and 0 < len(flat) * self.pair_count <= CUDA_BLOCK:
-            order, spans = in_spans(flat, len(REGISTRY))
+
+        def sorted_values(spans: Spans, order: Tensor) -> Tensor:
             parts = decoded(spans, place.index_select(0, order))
-            values = eval_models(spans, *parts, self.light, self.view, self.horizon)
-            values = values.index_select(0, torch.argsort(order)).flatten(1)
+            return eval_models(spans, *parts, self.light, self.view, self.horizon)
+
+        if in_one_block(place, len(flat) * self.pair_count):
+            values = together(flat, sorted_values).flatten(1)
             return self.scaled(values).unflatten(0, model.shape)
         return self.eval(self.decode(flat, place)).unflatten(0, model.shape)
 

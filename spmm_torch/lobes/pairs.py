@@ -170,7 +170,7 @@ def _cut(by_model: Tensor, count: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         count: pairs of each of them, `[J]`.
 
     Returns:
-        (lobe of each row `[G]`; number among the sorted of each pair `[G, S]` int32; what leads
+        (lobe of each row `[G]`; number of each pair among the sorted, `[G, S]` int32; what leads
         from that number to the place in the rows, `[J]`).
     """
     total, used = torch.stack((count.sum(), (count > 0).sum())).tolist()

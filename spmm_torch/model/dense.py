@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 from torch._C._functorch import maybe_current_level
 from torch._functorch.pyfunctorch import temporarily_clear_interpreter_stack
+from torch.nn.functional import embedding_bag
 from torch.utils._python_dispatch import _disable_current_modes
 
 from ..brdf import REGISTRY
@@ -23,6 +24,7 @@ from ..geometry.directions import frame_from_normal, texel_at
 from ..geometry.relief import HeightField
 from ..lobes.batch import LobeBatch
 from ..lobes.values import entries, eval_rotated
+from . import operator
 from .components import Components
 from .residual import Residual
 
@@ -102,6 +104,19 @@ def taken_as_constant(function: Function) -> Function:
     """
     function.__dict__["_dynamo_marked_constant"] = True
     return function
+@taken_as_constant
+def transformed() -> bool:
+    """Whether what is computed is transformed: vmap, grad, jvp."""
+    return maybe_current_level() is not None
+
+
+def on_lists(tensor: Tensor) -> bool:
+    """Whether a program is compiled for a CPU, like a tensor, where operators on lists are cheaper.
+
+    Neither an exported program nor a transformed one can have them.
+    """
+    compiled = torch.compiler.is_compiling() and not torch.compiler.is_exporting()
+    return compiled and tensor.is_cpu and not transformed()
 
 
 @contextmanager
@@ -125,24 +140,31 @@ def values(
         residual: whether to add epsilon.
         block: (query, place) entries that are evaluated at once; all where torch records them.
     """
-    tables = model.padded_tables()
     if torch.compiler.is_compiling():  # the number of queries stays open
+        tables = None if on_lists(uv) else model.padded_tables()
         return _values(model, tables, uv, wi, wo, residual=residual)
+    tables = model.padded_tables()
     size = max(1, block // max(1, 4 * tables.places))
     parts = zip(*(part.split(size) for part in (uv, wi, wo)), strict=True)
     return torch.cat([_values(model, tables, *part, residual=residual) for part in parts])
 
 
 def _values(
-    model: SPMM, tables: DenseTables, uv: Tensor, wi: Tensor, wo: Tensor, *, residual: bool
+    model: SPMM, tables: DenseTables | None, uv: Tensor, wi: Tensor, wo: Tensor, *, residual: bool
 ) -> Tensor:
-    """`values` of one block of queries."""
+    """`values` of one block of queries; without tables, lobes are one operator."""
     uv = model.held(uv)
     if model.relief is not None:
         heights = model.relief.heights(model.texel_count).view(model.height, model.width)
         uv = HeightField(heights, model.rule, model.steepest).hit_of_all(uv, wo)
-    at = *texel_at(uv, model.height, model.width, model.rule), wi, wo
-    total = lobe_sums(tables, model.dictionary, model.weight, *at)
+    texel, bilinear = texel_at(uv, model.height, model.width, model.rule)
+    at = texel, bilinear, wi, wo
+    if tables is None:
+        entries = model.merged_entries()
+        queries = texel[:, 0], bilinear, wi, wo
+        total = operator.lobe_sums(entries, model.dictionary, model.weight, *queries)
+    else:
+        total = lobe_sums(tables, model.dictionary, model.weight, *at)
     if residual:
         total = total + residual_sums(model.residual, model.components, model.labels, *at)
     return total
@@ -204,13 +226,37 @@ def residual_sums(
     total = weight.new_zeros(1, residual.code.shape[-1])
     if len(residual.code):
         cluster = labels[texel]  # [Q, 4]
-        code = residual.code.flatten(1, 2)[cluster[:, :, None], pair[:, None]]  # [Q, 4, 9, C]
         mixed = bilinear * residual.scale.to(weight.dtype)[cluster]
         mixed = mixed[:, :, None] * weight[:, None]  # [Q, 4, 9]
-        total = total + (code.to(weight.dtype) * mixed[..., None]).sum((1, 2))
+        row = cluster[:, :, None] * residual.code[0, ..., 0].numel() + pair[:, None]
+        table = residual.code.flatten(0, 2)  # [K V L, C]
+        if on_lists(weight):  # several times as fast as compiled lookups
+            given = row.flatten(1), table.to(weight.dtype)
+            found = embedding_bag(*given, mode="sum", per_sample_weights=mixed.flatten(1))
+        else:
+            found = (table[row].to(weight.dtype) * mixed[..., None]).sum((1, 2))
+        total = total + found
     if components is not None:
-        functions, coefficients = components.decoded(weight.dtype)
-        value = (functions[pair] * weight[..., None]).sum(1)  # [Q, R C]
-        mixed = (coefficients[texel] * bilinear[..., None].to(weight.dtype)).sum(1)  # [Q, R]
-        total = total + (mixed[..., None] * value.unflatten(1, (components.rank, -1))).sum(1)
+        total = total + components_sums(components, texel, bilinear, pair, weight)
     return total
+
+
+def components_sums(
+    components: Components, texel: Tensor, bilinear: Tensor, pair: Tensor, weight: Tensor
+) -> Tensor:
+    """The residual of rank R of Q queries, `[Q, C]`.
+
+    Args:
+        components: of the texels.
+        texel, bilinear: four texels of each query and their weights, `[Q, 4]`.
+        pair, weight: nine measured pairs and their weights, `[Q, 9]`.
+    """
+    functions, coefficients = components.decoded(weight.dtype)
+    bilinear = bilinear.to(weight.dtype)
+    if on_lists(weight):  # a compiler would decode the codes at every lookup
+        value = embedding_bag(pair, functions, mode="sum", per_sample_weights=weight)  # [Q, R C]
+        mixed = embedding_bag(texel, coefficients, mode="sum", per_sample_weights=bilinear)
+    else:
+        value = (functions[pair] * weight[..., None]).sum(1)
+        mixed = (coefficients[texel] * bilinear[..., None]).sum(1)  # [Q, R]
+    return (mixed[..., None] * value.unflatten(1, (components.rank, -1))).sum(1)

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
+from ..geometry.directions import continued
 from ..lobes.batch import LobeBatch
 from ..lobes.pairs import PairRows, eval_rows
 from ..lobes.ragged import COUNTED, ranges, run_starts, stable_order
@@ -40,6 +41,57 @@ class SparseWeights:
 
 
 @dataclass(frozen=True)
+class MergedEntries:
+    """The lobes of blocks of texels, each once a block, without their weights.
+
+    Attributes:
+        texel: the four texels of each block, `[B, 4]`.
+        start, count: first entry and number of entries of each block, `[B]`.
+        lobe: lobe of each entry, `[M]`.
+        entry: entries of the texture that are merged, `[E]`.
+        place: 4 times the merged entry of each of them, plus its corner, `[E]`.
+    """
+
+    texel: Tensor
+    start: Tensor
+    count: Tensor
+    lobe: Tensor
+    entry: Tensor
+    place: Tensor
+
+    @classmethod
+    def build(
+        cls, texel: Tensor, counts: Tensor | None, offset: Tensor, index: Tensor
+    ) -> MergedEntries:
+        """Merges the lobes of each block.
+
+        Args:
+            texel: the four texels of each block, `[B, 4]`.
+            counts: whether a texel is needed, `[B, 4]` bool; the lobes of others are left out.
+                None: all are.
+            offset, index: of the entries of the texture, as in `SparseWeights`.
+        """
+        flat = texel.flatten()
+        start = offset[flat]
+        length = offset[flat + 1] - start
+        corner, entry = ranges(start, length if counts is None else length * counts.flatten())
+        block, lobe = corner.div(4, rounding_mode="floor"), index[entry]  # [E]
+        order = _by_block_and_lobe(block, lobe, len(texel))
+        corner, entry, block, lobe = (x[order] for x in (corner, entry, block, lobe))
+        new = run_starts(block, lobe)
+        count = torch.bincount(block[new], minlength=len(texel))
+        place = 4 * (new.cumsum(0) - 1) + corner % 4
+        return cls(texel, count.cumsum(0) - count, count, lobe[new], entry, place)
+
+    def weighted(self, weight: Tensor) -> TexelBlocks:
+        """The blocks with the weights `[N, C]` of the texture's entries."""
+        total = weight.new_zeros(4 * len(self.lobe), weight.shape[1])
+        total = total.index_add(0, self.place, weight.index_select(0, self.entry))
+        total = total.view(-1, 4, weight.shape[1])
+        return TexelBlocks(self.texel, self.start, self.count, self.lobe, total)
+
+
+@dataclass(frozen=True)
 class TexelBlocks:
     """The blocks in which some queries lie.
 
@@ -58,29 +110,9 @@ class TexelBlocks:
 
     @classmethod
     def build(cls, texel: Tensor, counts: Tensor, weights: SparseWeights) -> TexelBlocks:
-        """Merges the lobes of each block.
-
-        Args:
-            texel: the four texels of each block, `[B, 4]`.
-            counts: whether a texel is needed, `[B, 4]` bool; the lobes of others are left out.
-            weights: of the texture.
-        """
-        offset, index, weight = weights.offset, weights.index, weights.weight
-        flat = texel.flatten()
-        start = offset[flat]
-        length = (offset[flat + 1] - start) * counts.flatten()
-        corner, entry = ranges(start, length)  # [E]
-        block, lobe = corner.div(4, rounding_mode="floor"), index[entry]
-        order = _by_block_and_lobe(block, lobe, len(texel))
-        corner, entry, block, lobe = (x[order] for x in (corner, entry, block, lobe))
-        new = run_starts(block, lobe)
-        merged = new.cumsum(0) - 1
-        total = weight.new_zeros(4 * int(new.sum()), weight.shape[1])
-        total = total.index_add(0, 4 * merged + corner % 4, weight.index_select(0, entry))
-        count = torch.bincount(block[new], minlength=len(texel))
-        return cls(
-            texel, count.cumsum(0) - count, count, lobe[new], total.view(-1, 4, weight.shape[1])
-        )
+        """Merges the lobes of each block; see `MergedEntries.build`."""
+        merged = MergedEntries.build(texel, counts, weights.offset, weights.index)
+        return merged.weighted(weights.weight)
 
     def sums(
         self, lobes: LobeBatch, block: Tensor, bilinear: Tensor, wi: Tensor, wo: Tensor
@@ -104,6 +136,22 @@ class TexelBlocks:
         first = pairs.cumsum(0, dtype=torch.int32) - pairs
         sums = embedding_bag(entry, table, first, mode="sum", per_sample_weights=rho)  # [Q, 4 C]
         return (sums.unflatten(1, (4, -1)) * bilinear[..., None]).sum(dim=1)  # Eq. (2)
+
+
+def all_blocks(height: int, width: int, rule: str, device: torch.device) -> Tensor:
+    """The four texels `[T, 4]` of the block of each first texel, as `directions.texel_at` has them.
+
+    Args:
+        height, width: texels of the texture.
+        rule: how the texture continues beyond its border, one of `directions.RULES`.
+        device: of the result.
+    """
+    top, left = (torch.arange(n, device=device) for n in (height, width))
+    rows, columns = (
+        torch.stack((first, continued(first + 1, len(first), rule)), dim=1) for first in (top, left)
+    )
+    corners = rows[:, None, :, None] * width + columns[None, :, None, :]  # [H, W, 2, 2]
+    return corners.view(-1, 4).clone()
 
 
 def blocks_met(texel: Tensor, texels: int) -> tuple[Tensor, Tensor]:

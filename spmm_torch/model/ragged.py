@@ -5,7 +5,7 @@ Values are those of each query alone, whatever the parts and threads.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Event
 from typing import TYPE_CHECKING
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 EVALUATED_ENTRIES = 1 << 19
 # Most entries of blocks that are kept from one call to the next: 130 MB of three channels.
 KEPT_ENTRIES = 1 << 21
-# Block `[Q]`, bilinear `[Q, 4]`, wi and wo `[Q, 3]`.
-Queries = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
 @dataclass(frozen=True)
@@ -74,36 +72,50 @@ def values(
     if not bilinear.requires_grad:  # its gradient needs texels of weight 0 too
         counts = bilinear.new_zeros(corners.shape).index_add(0, block, bilinear) > 0.0
     number, blocks = _merged(model, corners, counts, wi.dtype)
-    if number is not None:
-        block = number[block]
-    total = max(1, int(blocks.count[block].sum()))
-    size = max(1, len(texel) * EVALUATED_ENTRIES // total)
-    # Sorted by block, so that neighbours in memory read the same entries.
-    order = stable_order(block, len(blocks.count))
-    given = block, bilinear, wi, wo
-    value = torch.cat(_values_of_parts(model, blocks, order.split(size), given, residual))
-    return torch.empty_like(value).index_copy(0, order, value)
 
-
-def _values_of_parts(
-    model: SPMM, blocks: TexelBlocks, parts: Sequence[Tensor], given: Queries, residual: bool
-) -> list[Tensor]:
-    """`values` of parts of the queries `[n]`, which are sorted by block.
-
-    Several parts run at once on a CPU: their operations are too small for many threads.
-    """
-
-    def work(part: Tensor, _: Event | None = None) -> Tensor:
-        block, bilinear, wi, wo = (each.index_select(0, part) for each in given)
+    def work(block: Tensor, bilinear: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         total = blocks.sums(model.dictionary, block, bilinear, wi, wo)
         if residual:
             total = total + model.epsilon(blocks.texel[block], bilinear, wi, wo)  # Eq. (2)
         return total
 
+    return by_parts(work, blocks, block if number is None else number[block], bilinear, wi, wo)
+
+
+def by_parts(
+    work: Callable[[Tensor, Tensor, Tensor, Tensor], Tensor],
+    blocks: TexelBlocks,
+    block: Tensor,
+    bilinear: Tensor,
+    wi: Tensor,
+    wo: Tensor,
+) -> Tensor:
+    """`work` of Q queries, `[Q, C]`, which gets some of them at once, sorted by block.
+
+    So neighbours in memory read the same entries. Several parts run at once on a CPU, whose
+    operations on one part are too small for many threads.
+
+    Args:
+        work: function of the four last arguments of some queries.
+        blocks: in which the queries lie.
+        block: of each query, `[Q]`.
+        bilinear: weights of its four texels, `[Q, 4]`.
+        wi, wo: directions `[Q, 3]`.
+    """
+    order = stable_order(block, len(blocks.count))
+    total = max(1, int(blocks.count[block].sum()))
+    parts = order.split(max(1, len(block) * EVALUATED_ENTRIES // total))
+
+    def of(part: Tensor, _: Event | None = None) -> Tensor:
+        return work(*(given.index_select(0, part) for given in (block, bilinear, wi, wo)))
+
     workers = min(torch.get_num_threads(), len(parts))
-    if workers < 2 or model.weight.is_cuda or torch.is_grad_enabled():
-        return [work(part) for part in parts]
-    return side_by_side(work, parts, workers, 1, lambda _: None)
+    if workers < 2 or wi.is_cuda or torch.is_grad_enabled():
+        done = [of(part) for part in parts]
+    else:
+        done = side_by_side(of, parts, workers, 1, lambda _: None)
+    value = torch.cat(done)
+    return torch.empty_like(value).index_copy(0, order, value)
 
 
 def _merged(

@@ -20,7 +20,7 @@ from ..runtime.atomic import write_atomic
 from ..runtime.device import full_precision, plain_torch
 from . import bounds, dense, file, ragged, sampling
 from .components import Components, changes
-from .lookup import SparseWeights
+from .lookup import MergedEntries, SparseWeights, all_blocks
 from .queries import check_queries
 from .relief import STEEPEST, Relief
 from .residual import Residual
@@ -97,6 +97,7 @@ class SPMM(nn.Module):
         self._wrap: str | None = None
         self._sampling: tuple[tuple[object, ...], sampling.SamplingData] | None = None
         self._dense: tuple[tuple[object, ...], dense.DenseTables] | None = None
+        self._whole: tuple[tuple[object, ...], MergedEntries] | None = None
         self.kept_blocks: ragged.KeptBlocks | None = None
         self._keep_structure()
         self.register_load_state_dict_post_hook(SPMM._keep_structure)
@@ -341,6 +342,22 @@ class SPMM(nn.Module):
         if self._dense is None or self._dense[0] != state:
             with dense.untraced():
                 self._dense = state, dense.DenseTables.build(*self._structure)
+
+    def merged_entries(self) -> MergedEntries:
+        """The lobes of each 2 x 2 texels, by the first of them, kept as `padded_tables` are."""
+        self._keep_merged()
+        assert self._whole is not None
+        return self._whole[1]
+
+    @dense.taken_as_constant
+    def _keep_merged(self) -> None:
+        """Makes `merged_entries` as `_keep_tables` makes tables."""
+        offset, index, _ = self._structure
+        state = (self.rule, *((part.data_ptr(), changes(part)) for part in (offset, index)))
+        if self._whole is None or self._whole[0] != state:
+            with dense.untraced():
+                texel = all_blocks(self.height, self.width, self.rule, offset.device)
+                self._whole = state, MergedEntries.build(texel, None, offset, index)
 
     def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> SPMM:
         """Moves and makes anew what is kept beside parameters and buffers."""

@@ -5,7 +5,8 @@
 The least: a bare gather of the weights of the four texels around every query, plus the values of
 all their lobes by a kernel that torch.compile fuses for each BRDF (which needs a C++ compiler), on
 arrays that lie ready. The model has 256 x 256 texels of 8 lobes each, or is that of a run, whose
-number of lobes a texel varies: then its own ways alone are compared, as it stands and compiled.
+number of lobes a texel varies: then its own ways alone are compared, as it stands and compiled. The
+planted model is also asked with components in place of the cluster residual, and over a relief.
 """
 
 from __future__ import annotations
@@ -24,8 +25,10 @@ from spmm_torch.geometry.directions import direction_from_angles, texel_at
 from spmm_torch.lobes.batch import CPU_BLOCK, LobeBatch
 from spmm_torch.lobes.values import eval_model
 from tests.benchmarks.render_sphere import CLUSTER_LOBES, CLUSTERS, LOBES, TEXELS, best_time
-from tests.planted.models import planted_model
+from tests.planted.models import planted_model, planted_relief, with_components, with_relief
 
+# Components in place of the cluster residual, and depth of a relief, in texture widths.
+RANK, DEPTH = 8, 0.05
 # Directions to which a lobe is applied at once in the fused kernels.
 ROW = 128
 
@@ -70,8 +73,9 @@ def compiled(model: SPMM, uv: Tensor, wi: Tensor, wo: Tensor) -> dict[str, Calla
     """The compiled model without and with residual, compiled here for another size of the batch."""
     call, calls = torch.compile(model, dynamic=True, fullgraph=True), {}
     for name, residual in (("compiled", False), ("compiled with residual", True)):
+        few = (part[:1000].clone() for part in (uv, wi, wo))  # a view is compiled for its base
         start = time.perf_counter()
-        call(uv[:1000], wi[:1000], wo[:1000], residual)
+        call(*few, residual)
         print(f"{name:24} {time.perf_counter() - start:8.3f} s to compile")
         calls[name] = functools.partial(call, uv, wi, wo, residual)
     return calls
@@ -99,6 +103,10 @@ def main() -> None:
         **compiled(model, uv, wi, wo),
     }
     if planted:
+        rank = with_components(model, RANK)
+        work[f"with {RANK} components"] = lambda: rank(uv, wi, wo)
+        raised = with_relief(model, planted_relief(TEXELS, TEXELS, DEPTH))
+        work["over a relief"] = lambda: raised(uv, wi, wo)
         work["gather"] = lambda: gather(model, uv)
         work["fused lobes"] = fused_values(
             model.dictionary.detach(), wi, wo, 4 * LOBES * options.count
