@@ -41,8 +41,10 @@ class Lobe:
 
     def detached(self) -> Lobe:
         """The same without gradients."""
-        axes = (dr.detach(axis) for axis in (self.tangent, self.bitangent, self.normal))
-        return Lobe(*axes, tuple(dr.detach(number) for number in self.kappa))
+        kappa = tuple(dr.detach(number) for number in self.kappa)
+        axes = self.tangent, self.bitangent, self.normal
+        tangent, bitangent, normal = (dr.detach(axis) for axis in axes)
+        return Lobe(tangent, bitangent, normal, kappa)
 
     def local(self, w: Any) -> Any:
         """A direction in the frame of the lobe."""

@@ -135,7 +135,7 @@ def specular_entries(specular: TexelBlocks) -> Entries:
 
 
 def group_codes(corners: Tensor, data: SamplingData) -> Any:
-    """Codes of the specular groups of the four texels of each block, a byte each."""
+    """Codes of the specular groups of the texels `[T, 4]` of each block, four bytes a word."""
     return _word(data.group[corners].long())
 
 
