@@ -14,8 +14,8 @@ from .brdf import Twin
 from .brdf.base import COS_EPS
 from .libraries import dr, mi
 
-# Numbers of a lobe: its tangent, its normal, and its parameters.
-TANGENT, NORMAL, KAPPA = 0, 3, 6
+# Numbers of a lobe: sine and cosine of its angle, its normal, and its parameters.
+TURN, NORMAL, KAPPA = 0, 2, 5
 LOBE = KAPPA + MAX_PARAMETERS
 
 
@@ -30,14 +30,21 @@ class Lobe:
 
     @classmethod
     def of_numbers(cls, numbers: Sequence[Any]) -> Lobe:
-        """The lobe of a row of the table."""
-        tangent, normal = (mi.Vector3f(*numbers[n : n + 3]) for n in (TANGENT, NORMAL))
-        return cls(tangent, dr.cross(normal, tangent), normal, tuple(numbers[KAPPA:]))
+        """The lobe of a row of the table: the frame is that of `frame_from_normal`."""
+        sine, cosine = numbers[TURN : TURN + 2]
+        x, y, z = numbers[NORMAL : NORMAL + 3]
+        scale = 1.0 / (1.0 + z)
+        across = mi.Vector3f(1.0 - x * x * scale, -x * y * scale, -x)
+        along = mi.Vector3f(-x * y * scale, 1.0 - y * y * scale, -y)
+        tangent, bitangent = cosine * across + sine * along, cosine * along - sine * across
+        return cls(tangent, bitangent, mi.Vector3f(x, y, z), tuple(numbers[KAPPA:]))
 
     def detached(self) -> Lobe:
         """The same without gradients."""
-        axes = (dr.detach(axis) for axis in (self.tangent, self.bitangent, self.normal))
-        return Lobe(*axes, tuple(dr.detach(number) for number in self.kappa))
+        kappa = tuple(dr.detach(number) for number in self.kappa)
+        axes = self.tangent, self.bitangent, self.normal
+        tangent, bitangent, normal = (dr.detach(axis) for axis in axes)
+        return Lobe(tangent, bitangent, normal, kappa)
 
     def local(self, w: Any) -> Any:
         """A direction in the frame of the lobe."""

@@ -135,7 +135,7 @@ def specular_entries(specular: TexelBlocks) -> Entries:
 
 
 def group_codes(corners: Tensor, data: SamplingData) -> Any:
-    """Codes of the specular groups of the four texels of each block, a byte each."""
+    """Codes of the specular groups of the texels `[T, 4]` of each block, four bytes a word."""
     return _word(data.group[corners].long())
 
 
@@ -143,15 +143,11 @@ def lobe_table(model: SPMM, parameters: dict[str, Any]) -> Any:
     """`Lobes.table` of the parameters `kappa`, `normal` and `angle`."""
     lobes, columns = model.kappa.shape
     each = torch.arange(lobes)
-    x, y, z = (Rows.build(3 * each + n).of(parameters["normal"]) for n in range(3))
-    sine, cosine = dr.sincos(parameters["angle"].array)
-    scale = 1.0 / (1.0 + z)
-    tangent = (1.0 - x * x * scale, -x * y * scale, -x)
-    bitangent = (-x * y * scale, 1.0 - y * y * scale, -y)
-    turned = [cosine * t + sine * b for t, b in zip(tangent, bitangent, strict=True)]
+    normal = [Rows.build(3 * each + n).of(parameters["normal"]) for n in range(3)]
     kappa = [Rows.build(columns * each + n).of(parameters["kappa"]) for n in range(columns)]
     zero = float_array(torch.zeros(lobes))
-    table = [*turned, x, y, z, *kappa, *(zero for _ in range(LOBE - KAPPA - columns))]
+    turn = dr.sincos(parameters["angle"].array)
+    table = [*turn, *normal, *kappa, *(zero for _ in range(LOBE - KAPPA - columns))]
     by_lobe = torch.arange(LOBE) * lobes + each[:, None]  # [J, LOBE]
     return dr.gather(type(zero), joined(table), index_array(by_lobe))
 
