@@ -104,6 +104,8 @@ def taken_as_constant(function: Function) -> Function:
     """
     function.__dict__["_dynamo_marked_constant"] = True
     return function
+
+
 @taken_as_constant
 def transformed() -> bool:
     """Whether what is computed is transformed: vmap, grad, jvp."""
