@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import torch
 from torch import Tensor
@@ -108,7 +108,7 @@ class LobeBatch:
         """
         shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
         if in_one_block(wi, len(self) * shape.numel()):
-            return together(self.model, lambda *by_model: self._eval_together(*by_model, wi, wo))
+            return together(self.model, partial(self._eval_together, wi, wo))
         blocks = list(self._blocks(wi, wo))
         if not blocks:
             return wi.new_zeros(0, *shape)
@@ -118,7 +118,7 @@ class LobeBatch:
             return value
         return value.index_select(0, torch.argsort(order))
 
-    def _eval_together(self, spans: Spans, order: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
+    def _eval_together(self, wi: Tensor, wo: Tensor, spans: Spans, order: Tensor) -> Tensor:
         """`eval` of lobes in the order of their models, given by `order [J]` and `spans`."""
         part_wi = wi if wi.shape[0] == 1 else wi.index_select(0, order)
         part_wo = wo if wo.shape[0] == 1 else wo.index_select(0, order)
@@ -158,6 +158,10 @@ def in_one_block(tensor: Tensor, values: int) -> bool:
     """Whether so many values of lobes are computed by `together`: on a GPU, without gradients.
 
     Gradients are taken block by block, as on a CPU.
+
+    Args:
+        tensor: on the device of the lobes, `[...]`.
+        values: their number.
     """
     return tensor.is_cuda and not torch.is_grad_enabled() and 0 < values <= CUDA_BLOCK
 

@@ -3,6 +3,7 @@
 What `lookup` sorts and cuts, this evaluates with padding: every texel has as many places for lobes
 of a BRDF as the texel with the most. Nothing depends on values or is written in place, so it can be
 compiled, exported and transformed by `torch.func`. Run as it stands it takes longer than `lookup`.
+Compiled for a CPU too: there `operator` has the lobes.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ def transformed() -> bool:
 
 
 def on_lists(tensor: Tensor) -> bool:
-    """Whether a program is compiled for a CPU, like a tensor, where operators on lists are cheaper.
+    """Whether a program with a tensor `[...]` is compiled for a CPU: lists are cheaper there.
 
     Neither an exported program nor a transformed one can have them.
     """
