@@ -31,7 +31,7 @@ def cell_inputs() -> torch.Tensor:
 
 
 def main() -> None:
-    """Writes the tables."""
+    """Writes the tables, and prints their names."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--count", type=int, help="number of materials (default: all)")
@@ -44,6 +44,7 @@ def main() -> None:
         table = np.ascontiguousarray(values.T).astype("<f8").tobytes()
         path = options.folder / f"{Path(name).name}{merl.SUFFIX}"
         path.write_bytes(merl.HEADER + table)
+        print(path, flush=True)
 
 
 if __name__ == "__main__":
