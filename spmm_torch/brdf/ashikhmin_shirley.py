@@ -74,7 +74,7 @@ class AshikhminShirley(BRDF):
         return value * above_horizon(wi, wo)
 
     def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
-        """See `BRDF.slopes`."""
+        """By hand; see `BRDF.slopes`."""
         (n_x, n_y, f0), (x, y, z) = kappa, pairs.half
         (cos_theta_i, cos_theta_o), (fall_i, fall_o) = pairs.cosines, pairs.falls
         log_cos_theta_h, x_squared, y_squared = pairs.log_cos_theta_h, x * x, y * y

@@ -60,7 +60,7 @@ class BlinnPhong(BRDF):
         return scale * exp_of_negative(n * log_cos_theta_h) * above_horizon(wi, wo)
 
     def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
-        """See `BRDF.slopes`."""
+        """By hand; see `BRDF.slopes`."""
         (n,), log_cos_theta_h = kappa, pairs.log_cos_theta_h
         fall = torch.exp2(-0.5 * n)
         scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (fall + n))

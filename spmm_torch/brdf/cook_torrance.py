@@ -70,7 +70,7 @@ class CookTorrance(BRDF):
         return value * above_horizon(wi, wo)
 
     def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
-        """See `BRDF.slopes`."""
+        """By hand; see `BRDF.slopes`."""
         (alpha, f0), (x, y, z) = kappa, pairs.half
         (cos_theta_i, cos_theta_o), (fall_i, fall_o) = pairs.cosines, pairs.falls
         inverse, of_alpha = z.reciprocal(), 1.0 / (alpha * alpha)

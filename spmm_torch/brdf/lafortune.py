@@ -59,7 +59,7 @@ class Lafortune(BRDF):
         return (n + 2.0) / (2.0 * math.pi) * lobe * lit
 
     def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
-        """See `BRDF.slopes`."""
+        """By hand; see `BRDF.slopes`."""
         (c_xy, n), cosine = kappa, pairs.angles.cosine
         z_i, z_o = pairs.wi[..., 2], pairs.wo[..., 2]
         scale = 1.0 / c_xy.abs().clamp(min=1.0)

@@ -30,7 +30,7 @@ class Lambertian(BRDF):
         return (INV_PI * lit).expand(shape)
 
     def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
-        """See `BRDF.slopes`."""
+        """By hand; see `BRDF.slopes`."""
         return Slopes(torch.full_like(pairs.wi[..., 2] + pairs.wo[..., 2], INV_PI))
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

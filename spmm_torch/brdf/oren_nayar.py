@@ -49,7 +49,7 @@ class OrenNayar(BRDF):
         return INV_PI * (a + b * swing) * above_horizon(wi, wo)
 
     def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
-        """See `BRDF.slopes`."""
+        """By hand; see `BRDF.slopes`."""
         (sigma,), (cos_theta_i, cos_theta_o) = kappa, pairs.cosines
         sigma_squared = sigma * sigma
         near, far = 1.0 / (sigma_squared + 0.33), 1.0 / (sigma_squared + 0.09)

@@ -72,12 +72,12 @@ class LocalPairs:
 
     @cached_property
     def cosines(self) -> tuple[Tensor, Tensor]:
-        """(cos_theta_i, cos_theta_o) as by `guarded_cosines`."""
+        """(cos_theta_i, cos_theta_o) `[J, ...]` as by `guarded_cosines`."""
         return guarded_cosines(self.wi, self.wo)  # pyright: ignore[reportArgumentType]
 
     @cached_property
     def falls(self) -> tuple[Tensor, Tensor]:
-        """d log(1 / cosine) along the cosine of wi and of wo; 0 where the cosine is guarded."""
+        """d log(1 / cosine) along the cosine of wi and of wo, `[J, ...]`; 0 where it is guarded."""
         i, o = ((cosine > COS_EPS) / -cosine for cosine in self.cosines)
         return i, o
 

@@ -59,7 +59,7 @@ class Ward(BRDF):
         return lobe * above_horizon(wi, wo)
 
     def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
-        """See `BRDF.slopes`."""
+        """By hand; see `BRDF.slopes`."""
         (alpha_x, alpha_y), (x, y, z) = kappa, pairs.half
         inverse = z.square().reciprocal_()
         x_slope, y_slope = (x / (alpha_x * alpha_x)).mul_(inverse), (y / alpha_y**2).mul_(inverse)

@@ -239,7 +239,7 @@ class Scales:
 
     @classmethod
     def of(cls, spans: Spans, like: Tensor) -> Scales:
-        """Those of lobes in the order of their models, in the type and device of a tensor."""
+        """Those of J lobes in the order of their models, as `like [...]` in type and device."""
         table = _scales(type(like), like.device, like.dtype)  # [models, 3 MAX_PARAMETERS + 1]
         rows = (
             torch.cat([table[index].expand(own.stop - own.start, -1) for index, own in spans])
@@ -305,7 +305,7 @@ class Feasible:
         return whole._ending_at(min_width, within=True) if min_width > 0.0 else whole
 
     def to(self, like: Tensor) -> Feasible:
-        """The same bounds with the type and device of a tensor, so that `project` moves none."""
+        """The same bounds as `like [...]` in type and device, so that `project` moves none."""
         gap = None if self.gap is None else self.gap.to(like)
         return Feasible(self.low.to(like), self.high.to(like), gap)
 

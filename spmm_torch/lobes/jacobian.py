@@ -176,8 +176,8 @@ def _assemble(block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None
         wi, wo = lobes.moved(column)
         tilts = column < TURNS - 1
         terms = [slope_i * wi[2] + slope_o * wo[2]] if tilts else []
-        axes = [axis for axis in range(3 if tilts else 2) if slopes.half[axis] is not None]
-        terms += [(wi[axis] + wo[axis]).mul_(slopes.half[axis]) for axis in axes]
+        halves = enumerate(slopes.half[: 3 if tilts else 2])
+        terms += [(wi[axis] + wo[axis]).mul_(half) for axis, half in halves if half is not None]
         total = terms[0]
         for term in terms[1:]:
             total = total.add_(term)

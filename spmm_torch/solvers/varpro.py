@@ -96,7 +96,7 @@ class _State:
         settled = (gain >= 0.0) & (gain <= tolerance * self.loss)
         ended = settled | (damping >= DAMPING_MAX) | ~usable
         failed = self.failed | (self.running & ~usable)
-        return _State(*points, damping, self.running & ~ended, failed)
+        return _State(*points, damping=damping, running=self.running & ~ended, failed=failed)
 
     def _point(self) -> tuple[Tensor, ...]:
         return self.coordinates, self.weights, self.loss, self.gradient, self.hessian
@@ -177,26 +177,28 @@ class _Problem:
 
     def _block(self, coordinates: Tensor, rows: Tensor, slopes: bool) -> _State:
         present, signals = self.present[rows], self.signals[rows]
-        if slopes:
-            found = self.linearize(coordinates, rows)  # [s, M, 1 + P, D]
-            rho, flat = found[:, :, 0], found.flatten(1, 2)
-            products = flat @ flat.transpose(1, 2)
-            products = products.unflatten(1, found.shape[1:3]).unflatten(3, found.shape[1:3])
-            gram = products[:, :, 0, :, 0]
-        else:
-            rho = self.values(coordinates, rows)
-            gram = rho @ rho.transpose(1, 2)
+        found = self.linearize(coordinates, rows) if slopes else None  # [s, M, 1 + P, D]
+        products = None if found is None else _products(found)
+        rho = self.values(coordinates, rows) if found is None else found[:, :, 0]
+        gram = rho @ rho.transpose(1, 2) if products is None else products[:, :, 0, :, 0]
         correlation = (signals @ rho.transpose(1, 2)).double()  # [s, C, M]
         weights = nnls_shared_gram(gram.double(), correlation, allowed=present).weights
         error = signals - weights.to(rho.dtype) @ rho  # [s, C, D]
         loss = (error * error).sum((1, 2), dtype=torch.float64)
         size = coordinates.shape[1] * coordinates.shape[2]
         gradient, hessian = loss.new_zeros(len(rows), size), loss.new_zeros(len(rows), size, size)
-        if slopes:
+        if found is not None and products is not None:
+            flat = found.flatten(1, 2)
             along = (error @ flat.transpose(1, 2)).unflatten(2, found.shape[1:3])[..., 1:]
             gradient, hessian = _model(products.double(), along.double(), weights, present)
         damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
         return _State(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
+
+
+def _products(found: Tensor) -> Tensor:
+    """Inner products over pairs of all rows `[s, M, 1 + P, D]`, `[s, M, 1 + P, M, 1 + P]`."""
+    flat, shape = found.flatten(1, 2), found.shape[1:3]
+    return (flat @ flat.transpose(1, 2)).unflatten(1, shape).unflatten(3, shape)
 
 
 def _model(
