@@ -94,16 +94,26 @@ class Judgement:
     figures: dict[str, Any]
 
 
-def likeness(model: SPMM, btf: BTF, device: torch.device | str) -> Likeness:
-    """Renders the spheres of `spheres` and scores them."""
-    spheres = compare_spheres(model, btf, device)
+def likeness(
+    model: SPMM, btf: BTF, device: torch.device | str, room: int | None = None
+) -> Likeness:
+    """Renders the spheres of `spheres`, in `room` bytes if given, and scores them."""
+    spheres = compare_spheres(model, btf, device, room)
     return Likeness(spheres, mssim(spheres))
 
 
-def looks(model: SPMM, btf: BTF, device: torch.device | str) -> Looks:
-    """Renders spheres and planes, scores the spheres, and compares slices."""
-    found = likeness(model, btf, device)
-    return Looks(found, compare_planes(model, btf, device), slice_figures(model, btf))
+def looks(model: SPMM, btf: BTF, device: torch.device | str, room: int | None = None) -> Looks:
+    """Renders spheres and planes, scores the spheres, and compares slices.
+
+    Args:
+        model: of the BTF.
+        btf: decoded or not.
+        device: of the renderings.
+        room: bytes that renderings may take, which change no value; None: as many as pay.
+    """
+    found = likeness(model, btf, device, room)
+    planes = compare_planes(model, btf, device, room)
+    return Looks(found, planes, slice_figures(model, btf))
 
 
 def judge(source: Source, device: torch.device, progress: Progress) -> Judgement:

@@ -30,17 +30,20 @@ NEARLY = 0.95
 LIGHTS = (("Light from above", 0.0, 0.0), ("Grazing light, right", 75.0, 0.0))
 
 
-def compare_planes(model: SPMM, btf: BTF, device: torch.device | str = "cpu") -> Renderings:
+def compare_planes(
+    model: SPMM, btf: BTF, device: torch.device | str = "cpu", room: int | None = None
+) -> Renderings:
     """Renders a model and its BTF.
 
     Args:
         model: on any device; it is not moved.
         btf: decoded or not; its texels are those of the model.
         device: of the renderings.
+        room: bytes that may be taken, which change no value; None: as many as pay.
     """
     texture = Texture(min(1.0, TEXELS_ACROSS / btf.width), btf.width / btf.height)
     titles = tuple(title for title, *_ in LIGHTS)
-    return _cropped(compare(model, btf, plane_scene(texture), SETTINGS, titles, device))
+    return _cropped(compare(model, btf, plane_scene(texture), SETTINGS, titles, device, room))
 
 
 def plane_scene(texture: Texture) -> Scene:

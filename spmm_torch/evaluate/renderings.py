@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -17,8 +17,10 @@ from ..render.display import white_exposure
 from ..render.renderer import trace
 from ..runtime.memory import slices
 
-# Hits that are evaluated at once: some hundred MB, less than the stages of a fit take.
-BLOCK_HITS = 1 << 15
+# Hits that are evaluated at once, if there is room, and at least: some hundred MB, and some.
+BLOCK_HITS, LEAST_HITS = 1 << 15, 1 << 10
+# Bytes of a hit under three lights, and of a value of a texel with its copy.
+HIT_BYTES, VALUE_BYTES = 1 << 13, 8
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ def compare(
     settings: RenderSettings,
     titles: tuple[str, ...],
     device: torch.device | str = "cpu",
+    room: int | None = None,
 ) -> Renderings:
     """Renders a BTF, its model and the model's lobes.
 
@@ -64,11 +67,23 @@ def compare(
         settings: size and samples.
         titles: of the lights.
         device: of the renderings.
+        room: bytes that may be taken, which change no value; None: as many as pay.
     """
     placed = model if model.weight.device == torch.device(device) else copy.deepcopy(model)
     placed = placed.to(device)
-    materials = (BTFMaterial.build(btf, device, model.rule), placed, lobes_of(placed))
-    return compare_materials(materials, scene, settings, titles, device)
+    original = BTFMaterial.build(btf, device, model.rule)
+    if room is not None:
+        values = min(original.texel_values, max(0, room) // (2 * VALUE_BYTES))
+        original = replace(original, texel_values=values)
+    materials = (original, placed, lobes_of(placed))
+    return compare_materials(materials, scene, settings, titles, device, block_hits(room))
+
+
+def block_hits(room: int | None) -> int:
+    """Hits that are evaluated at once in a number of bytes; None: as many as pay."""
+    if room is None:
+        return BLOCK_HITS
+    return min(BLOCK_HITS, max(LEAST_HITS, room // (2 * HIT_BYTES)))
 
 
 @torch.no_grad()
@@ -78,6 +93,7 @@ def compare_materials(
     settings: RenderSettings,
     titles: tuple[str, ...],
     device: torch.device | str = "cpu",
+    at_once: int = BLOCK_HITS,
 ) -> Renderings:
     """Renders three materials, the first of which is the original.
 
@@ -87,9 +103,11 @@ def compare_materials(
         settings: size and samples.
         titles: of the lights.
         device: of the renderings.
+        at_once: hits that are evaluated at once.
     """
     original, whole, lobes, white = (
-        light_pictures(material, scene, settings, device).cpu() for material in (*materials, _white)
+        light_pictures(material, scene, settings, device, at_once).cpu()
+        for material in (*materials, _white)
     )
     counts = (white > 1.0 - 0.5 / settings.samples).all(-1)
     exposure = [
@@ -99,7 +117,11 @@ def compare_materials(
 
 
 def light_pictures(
-    material: Material, scene: Scene, settings: RenderSettings, device: torch.device | str
+    material: Material,
+    scene: Scene,
+    settings: RenderSettings,
+    device: torch.device | str,
+    at_once: int = BLOCK_HITS,
 ) -> Tensor:
     """A picture for each light of a scene, `[L, S, S, 3]`; all lights share a texel's reads."""
     lights = [light for light in scene.lights if isinstance(light, DirectionalLight)]
@@ -107,7 +129,7 @@ def light_pictures(
     total = torch.zeros(size * size, len(lights), 3, device=device)
     generator = torch.Generator().manual_seed(settings.seed)
     hits = trace(scene, settings, slice(0, size * size), total, generator)
-    for part in slices(len(hits), BLOCK_HITS):
+    for part in slices(len(hits), at_once):
         block = hits[part]
         wi, irradiance = delta_light_directions(block, lights)  # [N, L, 3]
         total.index_add_(0, block.pixel, lit_values(material, block, wi) * irradiance)

@@ -37,17 +37,20 @@ LIGHTS = (
 )
 
 
-def compare_spheres(model: SPMM, btf: BTF, device: torch.device | str = "cpu") -> Renderings:
+def compare_spheres(
+    model: SPMM, btf: BTF, device: torch.device | str = "cpu", room: int | None = None
+) -> Renderings:
     """Renders a model and its BTF.
 
     Args:
         model: on any device; it is not moved.
         btf: decoded or not; its texels are those of the model.
         device: of the renderings.
+        room: bytes that may be taken, which change no value; None: as many as pay.
     """
     texture = Texture(TEXELS_IN_HALF_TURN / btf.width, btf.width / btf.height)
     titles = tuple(title for title, *_ in LIGHTS)
-    return compare(model, btf, sphere_scene(texture), SETTINGS, titles, device)
+    return compare(model, btf, sphere_scene(texture), SETTINGS, titles, device, room)
 
 
 def sphere_scene(texture: Texture) -> Scene:

@@ -161,7 +161,7 @@ def _pictures(model: SPMM, btf: BTF, context: Context) -> Looks | None:
     if not context.ranks.is_first:
         return None
     with context.watch("evaluate"), context.progress.stage("render"):
-        return looks(model, btf, context.device)
+        return looks(model, btf, context.device, context.budget.left())
 
 
 def with_lobe_limit(config: FitConfig) -> FitConfig:

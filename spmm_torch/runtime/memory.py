@@ -157,6 +157,10 @@ class Budget:
         """Bytes left for data that could also be on disk."""
         return self.total - self.working - self.kept
 
+    def left(self) -> int | None:
+        """Bytes of the limit that the process does not hold now; None without a limit."""
+        return max(0, self.total - held_memory()) if self.limited else None
+
 
 def slices(count: int, size: int) -> Iterator[slice]:
     """Consecutive slices of length `size`, the last one shorter, that cover `count` items."""

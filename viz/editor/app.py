@@ -39,7 +39,7 @@ def answered(action: Callable[..., None]) -> Callable[..., None]:
         except SPMMError as error:
             self.say(f"{error}", wrong=True)
         self.show_session()
-        self.changed.set()
+        self.render_anew()
 
     return answer
 
@@ -76,6 +76,11 @@ class EditorApp:
             timeout=0,
         )
 
+    def render_anew(self) -> None:
+        """Asks for pictures of what is there now."""
+        self.state.busy = True
+        self.changed.set()
+
     def say(self, text: str, wrong: bool = False) -> None:
         """Shows a sentence under the title."""
         self.state.message, self.state.wrong = text, wrong
@@ -108,8 +113,9 @@ class EditorApp:
         self.say(f"saved as {self.state.save_name}")
 
     @answered
-    def release(self) -> None:
-        """Ends the move of a slider."""
+    def release(self, name: str, value: float) -> None:
+        """Ends the move of a slider, whose last value the page may tell later than this."""
+        self.session.move(name, float(value))
         self.session.release()
 
     @answered
@@ -167,6 +173,7 @@ class EditorApp:
                 "view_theta": view_theta,
                 "view_phi": view_phi,
                 "usable": self.session.usable(),
+                "busy": True,
                 "original_image": jpeg_uri(self.preview.original),
                 "edited_image": jpeg_uri(self.preview.original),
             }
@@ -198,7 +205,7 @@ class EditorApp:
         self.session.move(name, value)
 
     def _on_setting(self, **_: Any) -> None:
-        self.changed.set()
+        self.render_anew()
 
     def _setting(self) -> Setting:
         """Shape, light and view on the page."""
@@ -227,9 +234,11 @@ class EditorApp:
         except SPMMError as error:
             images = {}
             self.say(f"{error}", wrong=True)
+        finished = pictures == self._finish
         with self.state:
             self.state.update(images)
-        return pictures == self._finish
+            self.state.busy = not finished or self.changed.is_set()
+        return finished
 
     def _follow(self) -> dict[str, str]:
         """The pictures that changed, as fast as a dragged slider needs them."""

@@ -63,7 +63,7 @@ class Callbacks:
 
     Attributes:
         undo, redo, reset, save, add: the buttons of these names.
-        release: the end of a slider's move.
+        release: the end of a slider's move; takes its name and its value.
         choose_tool: takes the name of the tool.
     """
 
@@ -72,7 +72,7 @@ class Callbacks:
     reset: Callable[[], None]
     save: Callable[[], None]
     add: Callable[[], None]
-    release: Callable[[], None]
+    release: Callable[[str, float], None]
     choose_tool: Callable[[str], None]
 
 
@@ -128,7 +128,13 @@ def _pictures() -> None:
         for key, title in (("original", "Original"), ("edited", "Edited")):
             with html.Div():
                 html.H2(title)
-                html.Img(src=(f"{key}_image",), id=key, alt=title)
+                html.Img(
+                    src=(f"{key}_image",),
+                    id=key,
+                    alt=title,
+                    aria_busy=("busy",),  # until it is smooth, and of what the sliders say
+                    __properties=[("aria_busy", "aria-busy")],
+                )
 
 
 def _selection(callbacks: Callbacks) -> None:
@@ -194,7 +200,7 @@ def _sliders(callbacks: Callbacks) -> None:
                 slider.step,
                 slider.unit,
                 disabled=(f"!usable.{slider.name}",),
-                end=callbacks.release,
+                end=(callbacks.release, f"['{slider.name}', $event]"),
             )
         html.H2("Any other edit, as scripts write it", style="margin-top: 14px")
         with html.Div(classes="bar", style="margin: 0; flex-wrap: nowrap"):

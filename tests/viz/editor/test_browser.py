@@ -112,10 +112,10 @@ def drag(page: Any, name: str, distance: int) -> None:
 
 
 def settled(page: Any, name: str) -> str:
-    """The picture once it has not changed for a while: dragging is over, and it is smooth."""
-    seen = [picture(page, name)]
-    until(lambda: (time.sleep(0.6), seen.append(picture(page, name)), seen[-1] == seen[-2])[2])
-    return seen[-1]
+    """The picture once the page says that it is smooth, and of what the sliders say."""
+    element = page.find_element("id", name)
+    until(lambda: element.get_attribute("aria-busy") == "false")
+    return picture(page, name)
 
 
 def picture(page: Any, name: str) -> str:
@@ -131,20 +131,21 @@ def click(page: Any, name: str) -> None:
 
 
 def test_a_session_in_the_browser(page: Any, run: Path, tmp_path: Path) -> None:
-    original = settled(page, "original")
     first = settled(page, "edited")
+    original = picture(page, "original")
     assert first == original
 
     drag(page, "intensity", 24)
     until(lambda: text(page, "script").startswith("- intensity:"))
-    brighter = settled(page, "edited")
-    assert brighter != first
-    assert settled(page, "original") == original
+    until(lambda: settled(page, "edited") != first)
+    assert picture(page, "original") == original
+    brighter, script = settled(page, "edited"), text(page, "script")
 
     click(page, "undo")
     until(lambda: text(page, "script") == "no edits yet")
     assert settled(page, "edited") == first
     click(page, "redo")
+    until(lambda: text(page, "script") == script)
     assert settled(page, "edited") == brighter
 
     plain = picture(page, "slice")
@@ -159,21 +160,26 @@ def test_a_session_in_the_browser(page: Any, run: Path, tmp_path: Path) -> None:
     click(page, "save")
     until(lambda: text(page, "message").startswith("saved as"))
     saved = SPMM.load(tmp_path / "run2")
-    script = Script.read(tmp_path / "run2" / "edits.yaml")
-    assert [step.name for step in script.steps] == ["intensity", "hue_saturation"]
-    expected = script.apply(SPMM.load(run))
+    steps = Script.read(tmp_path / "run2" / "edits.yaml")
+    assert [step.name for step in steps.steps] == ["intensity", "hue_saturation"]
+    expected = steps.apply(SPMM.load(run))
     assert torch.equal(saved.weight, expected.weight)
 
-    edits, before = tmp_path / "run2" / "edits.yaml", script.to_yaml()
+    shown = text(page, "script")
     drag(page, "hue", -24)
+    until(lambda: text(page, "script") != shown and text(page, "message") == "")
+    settled(page, "edited")
     click(page, "save")  # what this session has saved is replaced
-    until(lambda: edits.exists() and Script.read(edits).to_yaml() != before)
+    until(lambda: text(page, "message").startswith("saved as"))
+    again = Script.read(tmp_path / "run2" / "edits.yaml")
+    assert again.to_yaml() != steps.to_yaml()
 
 
 def test_keys_undo_and_redo(page: Any) -> None:
     settled(page, "edited")
     drag(page, "intensity", 24)
     until(lambda: text(page, "script").startswith("- intensity:"))
+    settled(page, "edited")
     press(page, "z")
     until(lambda: text(page, "script") == "no edits yet")
     press(page, "y")
