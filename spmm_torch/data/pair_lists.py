@@ -74,7 +74,6 @@ class ListStore:
         return self.values.unflatten(1, (-1, lights))[texel, view].to(device)
 
 
-@dataclass(eq=False)
 class PairedBTF(BTF):
     """The texels of one list: D pairs, each of a light `light [D, 3]` and a view `view [D, 3]`."""
 
