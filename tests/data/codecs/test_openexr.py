@@ -156,7 +156,7 @@ REC709_OF = {
 }
 
 
-@pytest.mark.parametrize("named", list(REC709_OF), ids=["AP0", "AP1", "Rec.2020"])
+@pytest.mark.parametrize("named", list(REC709_OF), ids=("AP0", "AP1", "Rec.2020"))
 def test_other_primaries_become_those_of_rec709(named: tuple[float, ...]) -> None:
     picture = np.stack((NOISE[:4, :5, 0], NOISE[:4, :5, 1], NOISE[:4, :5, 2]), axis=-1)
     picture[0, 0] = 1.0
