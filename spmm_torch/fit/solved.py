@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import torch
@@ -83,7 +84,7 @@ def joined(parts: Sequence[Solved], texels: Sequence[Tensor], btf: BTF) -> Solve
         btf.light,
         btf.view,
         btf.name,
-        components=_components(models, order, btf),
+        components=joined_components(models, order, btf),
         weight_type=kind,
     )
     by_weight = [part.weighted or part.totals for part in parts]
@@ -121,7 +122,7 @@ def _residual(models: Sequence[SPMM], btf: BTF) -> Residual:
     return Residual(code, scale, btf.light, btf.view)
 
 
-def _components(models: Sequence[SPMM], order: Tensor, btf: BTF) -> Components | None:
+def joined_components(models: Sequence[SPMM], order: Tensor, btf: BTF) -> Components | None:
     """The components of all models, each 0 in the texels of the others; None if none has any.
 
     Args:
@@ -134,7 +135,8 @@ def _components(models: Sequence[SPMM], order: Tensor, btf: BTF) -> Components |
         return None
     rank = sum(part.rank for part in known)
     texels = sum(model.texel_count for model in models)
-    coefficient = torch.zeros(texels, rank, dtype=known[0].coefficient.dtype)
+    kind = reduce(torch.promote_types, (part.coefficient.dtype for part in known))
+    coefficient = torch.zeros(texels, rank, dtype=kind)  # halves hold the codes of bytes exactly
     row = column = 0
     for model in models:
         if (own := model.components) is not None:

@@ -16,10 +16,13 @@ from spmm_torch.fit import FitResult, fit
 from spmm_torch.fit.glossy.kinds import DIELECTRIC, GLOSSY, MATT, METAL, kinds
 from spmm_torch.fit.glossy.peaks import DIELECTRIC as DIELECTRIC_F0
 from spmm_torch.fit.glossy.peaks import METAL as METAL_F0
+from spmm_torch.fit.solved import joined_components
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.metrics import snr_db
+from spmm_torch.model.components import encode_coefficients
 from tests.fit.glossy.test_peaks import GRID, WIDTH, lobe, samples
-from tests.planted.btfs import texel_btf
+from tests.planted.btfs import tabulated, texel_btf
+from tests.planted.models import planted_model, with_components
 
 CPU = torch.device("cpu")
 QUICK: dict[str, Any] = {
@@ -100,3 +103,15 @@ def test_a_material_is_no_worse_than_alone() -> None:
     alone = fit(named(MATERIALS[0]), FitConfig.from_dict(QUICK), render=False).model
     least = min(60.0, texel_snr(alone, MATERIALS[0], 0) - 1.0)
     assert texel_snr(fitted().model, MATERIALS[0], 0) > least
+
+
+def test_components_of_several_formats_keep_their_values() -> None:
+    as_bytes, other = (with_components(planted_model(size=2, seed=seed)) for seed in (1, 2))
+    exact = other.components.coefficients()
+    code, scale = encode_coefficients(exact, torch.float16)
+    other.components = other.components.with_codes(coefficient=code, coefficient_scale=scale)
+    found = joined_components([as_bytes, other], torch.arange(8), tabulated(as_bytes))
+    rank = as_bytes.components.rank
+    expected = as_bytes.components.coefficients()
+    torch.testing.assert_close(found.coefficients()[:4, :rank], expected)
+    torch.testing.assert_close(found.coefficients()[4:, rank:], exact, rtol=1e-3, atol=1e-4)
