@@ -145,11 +145,11 @@ class BTF:
             view=self.view if views is None else self.view[views],
             light=self.light if lights is None else self.light[lights],
             missing=_kept_gaps(self.missing, views, lights),
-            names=_kept_names(self.names, texels),
+            names=kept_names(self.names, texels),
             part=Part(
-                _chosen(self.part.texels, texels),
-                _chosen(self.part.views, views),
-                _chosen(self.part.lights, lights),
+                chosen(self.part.texels, texels),
+                chosen(self.part.views, views),
+                chosen(self.part.lights, lights),
             ),
         )
 
@@ -374,15 +374,15 @@ def _kept_gaps(
     return kept if bool(kept.any()) else None
 
 
-def _kept_names(names: tuple[str, ...] | None, texels: Tensor | None) -> tuple[str, ...] | None:
-    """The names of the texels that stay."""
+def kept_names(names: tuple[str, ...] | None, texels: Tensor | None) -> tuple[str, ...] | None:
+    """The names of the texels `[T']` that stay; None: all do."""
     if names is None or texels is None:
         return names
     return tuple(names[index] for index in texels.tolist())
 
 
-def _chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:
-    """Indices into the source of an index into `before`, a choice from the source; None: all."""
+def chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:
+    """Indices `[n]` into the source of an index into `before`, a choice from it; None: all."""
     if before is None or index is None:
         return before if index is None else index
     return before[index]

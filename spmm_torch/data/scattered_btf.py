@@ -20,7 +20,7 @@ from ..config.fit import DataConfig  # noqa: F401  (likewise)
 from ..errors import DataError
 from ..geometry.relief import HeightField
 from .arrays import array_hash
-from .btf import BTF, PEAK_FRACTION
+from .btf import BTF, PEAK_FRACTION, chosen, kept_names
 from .directions import SAME_DIRECTION, unit_directions
 from .options import ReadOptions
 from .pair_lists import PairList
@@ -205,9 +205,8 @@ class ScatteredBTF(BTF):
         height, width = size or (self.height, self.width)
         place = torch.full((self.texel_count,), -1)
         place[texels] = torch.arange(len(texels))
-        part = replace(self.part, texels=_of(self.part.texels, texels))
-        names = None if self.names is None else tuple(self.names[i] for i in texels.tolist())
-        raw = tuple(_kept(self.raw, place))
+        part = replace(self.part, texels=chosen(self.part.texels, texels))
+        names, raw = kept_names(self.names, texels), tuple(_kept(self.raw, place))
         return replace(self, height=height, width=width, part=part, names=names, raw=raw)
 
     def _refuse(self, what: str) -> NoReturn:
@@ -246,10 +245,6 @@ def _place(part: PairList, pair: int) -> str:
     """A pair in words."""
     wi, wo = (", ".join(f"{x:.4g}" for x in side[pair].tolist()) for side in (part.wi, part.wo))
     return f"light ({wi}), view ({wo})"
-
-
-def _of(before: Tensor | None, index: Tensor) -> Tensor:
-    return index if before is None else before[index]
 
 
 def _kept(lists: tuple[PairList, ...], place: Tensor) -> Iterator[PairList]:

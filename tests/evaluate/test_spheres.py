@@ -7,6 +7,7 @@ import math
 import pytest
 import torch
 
+from spmm_torch.data import BTF
 from spmm_torch.evaluate import spheres
 from spmm_torch.evaluate.renderings import light_pictures
 from spmm_torch.evaluate.spheres import LIGHTS, compare_spheres, sphere_scene
@@ -74,26 +75,8 @@ def test_pixels_count_where_the_sphere_is_lit() -> None:
     assert not found.counts[2, SIZE // 2, SIZE // 6]  # light from the right
 
 
-def test_little_room_changes_no_value(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = planted_model(6, rings=COARSE_RINGS)
-    btf = tabulated(model)
-    found = compare_spheres(model, btf)
-    blocks: list[int] = []
-    texels = type(btf).texels
-
-    def counted(self, index, device="cpu"):  # noqa: ANN001, ANN202
-        blocks.append(len(index))
-        return texels(self, index, device)
-
-    monkeypatch.setattr(type(btf), "texels", counted)
-    narrow = compare_spheres(model, btf, room=1 << 16)
-    assert max(blocks) <= (1 << 16) // (2 * 4 * btf.pair_count * 3) < btf.texel_count
-    for name in ("original", "model", "lobes"):
-        assert torch.equal(getattr(found, name), getattr(narrow, name))
-
-
-def test_a_large_texture_is_read_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    btf = tabulated(planted_model(2, rings=COARSE_RINGS))
+def counted_reads(btf: BTF, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many texels each later read takes from the BTF, as the list grows."""
     read: list[int] = []
     texels = type(btf).texels
 
@@ -102,5 +85,22 @@ def test_a_large_texture_is_read_in_part(monkeypatch: pytest.MonkeyPatch) -> Non
         return texels(self, index, device)
 
     monkeypatch.setattr(type(btf), "texels", counted)
+    return read
+
+
+def test_little_room_changes_no_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = planted_model(6, rings=COARSE_RINGS)
+    btf = tabulated(model)
+    found = compare_spheres(model, btf)
+    blocks = counted_reads(btf, monkeypatch)
+    narrow = compare_spheres(model, btf, room=1 << 16)
+    assert max(blocks) <= (1 << 16) // (2 * 4 * btf.pair_count * 3) < btf.texel_count
+    for name in ("original", "model", "lobes"):
+        assert torch.equal(getattr(found, name), getattr(narrow, name))
+
+
+def test_a_large_texture_is_read_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    btf = tabulated(planted_model(2, rings=COARSE_RINGS))
+    read = counted_reads(btf, monkeypatch)
     compare_spheres(planted_model(2, rings=COARSE_RINGS), btf)
     assert sum(read) == 4  # all four texels, each once
