@@ -54,10 +54,6 @@ class TiledStore:
         """Values `[T, stop - start, C]` float32."""
         return self.base.pairs(start, stop)[self.texel] * self.gain[:, None]
 
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, T, stop - start]` float32."""
-        return self.base.planes(start, stop)[:, self.texel] * self.gain.T[..., None]
-
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
     ) -> Tensor:

@@ -14,8 +14,8 @@ from torch import Tensor
 
 from ..errors import DataError
 from .cache import KEY_BYTES, entry_key
-from .codes import FloatExpansion
 from .directions import checked_directions
+from .expansion import FloatExpansion
 from .store import Loading, Part, Store
 from .transpose import Place, ViewSource, open_store
 

@@ -331,15 +331,6 @@ class BTF:
         values = self.store().pairs(start * lights, stop * lights)
         return values.unflatten(1, (stop - start, lights))
 
-    def planes(self, start: int, stop: int | None = None) -> Tensor:
-        """Linear values `[C, T, n L]` of n consecutive views, channel by channel, on the CPU.
-
-        Args:
-            start, stop: views; None: only the first one.
-        """
-        lights = len(self.light)
-        return self.store().planes(start * lights, (start + 1 if stop is None else stop) * lights)
-
     def peak(self) -> float:
         """The peak of the PSNR: 1.0 for LDR, the exact 99.9th percentile of values for HDR."""
         if not self.is_hdr:

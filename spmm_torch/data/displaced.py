@@ -8,6 +8,7 @@ bilinear lookups, and nothing is blurred.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -61,10 +62,6 @@ class DisplacedStore:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.texels(None)[:, start:stop]
 
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, T, stop - start]`; see `Store.planes`."""
-        return self.pairs(start, stop).permute(2, 0, 1).contiguous()
-
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str
     ) -> Tensor:
@@ -74,15 +71,19 @@ class DisplacedStore:
 
     def _rows(self, index: Index) -> Tensor:
         """Texels `[n]` of an index."""
-        every = torch.arange(self.field.height.numel())
-        if index is None:
-            return every
-        return every[index] if isinstance(index, slice) else positions(index)
+        if index is None or isinstance(index, slice):
+            return torch.arange(self.field.height.numel())[slice(None) if index is None else index]
+        return positions(index)
+
+    @cached_property
+    def _centres(self) -> Tensor:
+        """uv `[T, 2]` of the centres of all texels."""
+        return texel_centres(*self.field.height.shape, self.view)
 
     def _pixels(self, rows: Tensor) -> Tensor:
         """The pixels `[n, V]` that show texels `rows [n]`."""
         height, width = self.field.height.shape
-        centre = texel_centres(height, width, self.view)[rows, None]  # [n, 1, 2]
+        centre = self._centres[rows, None]  # [n, 1, 2]
         at = self.field.place(centre, self.view)  # [n, V, 2]
         if self.drift is not None:
             at = at - self.drift

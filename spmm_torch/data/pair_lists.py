@@ -63,10 +63,6 @@ class ListStore:
         """Values `[n, stop - start, C]`; see `Store.pairs`."""
         return self.values[:, start:stop]
 
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, n, stop - start]`; see `Store.planes`."""
-        return self.pairs(start, stop).permute(2, 0, 1).contiguous()
-
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
     ) -> Tensor:

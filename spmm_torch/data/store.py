@@ -12,7 +12,8 @@ from torch import Tensor
 
 from ..errors import DataError
 from ..runtime.memory import slices
-from .codes import Codes, Expansion, Index
+from .codes import Codes, Index
+from .expansion import Expansion
 
 Progress = Callable[[int, int], None]  # called with (units done, number of units)
 
@@ -40,10 +41,6 @@ class Store(Protocol):
 
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]` float32 of consecutive direction pairs, on the CPU."""
-        ...
-
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, T, stop - start]` float32 of the same, contiguous, on the CPU."""
         ...
 
     def strips(
@@ -89,13 +86,6 @@ class CodeStore:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.expand(self.codes.columns(start, stop))
 
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, T, stop - start]`; see `Store.planes`."""
-        codes = self.codes.columns(start, stop)
-        if self.expand.elementwise:  # codes are smaller than values
-            return self.expand(codes.contiguous().permute(2, 0, 1).contiguous())
-        return self.expand(codes).permute(2, 0, 1).contiguous()
-
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
     ) -> Tensor:
@@ -138,10 +128,6 @@ class ScaledStore:
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
         return self.values.pairs(start, stop) * self._of_pairs()[start:stop]
-
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, T, stop - start]`; see `Store.planes`."""
-        return self.values.planes(start, stop) * self._of_pairs()[start:stop].T[:, None]
 
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"

@@ -1,4 +1,4 @@
-"""Transposition of pictures, view by view, to texel-major codes in memory or in the cache."""
+"""Transposition of pictures, view by view, to codes in memory or in the cache."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import torch
 from ..errors import DataError
 from ..runtime.memory import slices
 from .cache import CacheEntry, entry_key
-from .codes import Codes, Expansion, FileCodes, MemoryCodes
+from .codes import Codes, FileCodes, ViewCodes
+from .expansion import Expansion
 from .store import CodeStore, Loading, check_not_black
 
 # Bytes of a band of views where no limit of memory was given: 1 GiB.
@@ -80,10 +81,10 @@ def open_store(source: ViewSource, loading: Loading) -> CodeStore:
 def _into_memory(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
     """All codes in memory, and the highest value."""
     views, lights, texels, width = source.shape
-    codes = np.empty((texels, views * lights, width), dtype=source.dtype)  # [T, D, B]
+    codes = np.empty((views, texels, lights, width), dtype=source.dtype)
     placed = _Placed(source, loading, codes, first=0)
     source.decode(range(views), placed)
-    return MemoryCodes(torch.from_numpy(codes)), placed.highest
+    return ViewCodes(torch.from_numpy(codes)), placed.highest
 
 
 def _into_cache(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
@@ -104,7 +105,8 @@ def _into_cache(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
             for first in range(entry.views_done, views, size):
                 band = range(first, min(first + size, views))
                 codes = np.empty((texels, len(band) * lights, width), dtype=source.dtype)
-                placed = _Placed(source, loading, codes, first)
+                by_view = codes.reshape(texels, len(band), lights, width).swapaxes(0, 1)
+                placed = _Placed(source, loading, by_view, first)
                 source.decode(band, placed)
                 highest = max(entry.highest, placed.highest)
                 entry.put(codes, first * lights, views_done=band.stop, highest=highest)
@@ -115,7 +117,7 @@ def _into_cache(source: ViewSource, loading: Loading) -> tuple[Codes, float]:
 
 
 class _Placed:
-    """The texel-major codes `[T, d, B]` of a band; called with the pictures of each view."""
+    """The codes `[v, T, L, B]` of consecutive views; called with the pictures of each view."""
 
     def __init__(self, source: ViewSource, loading: Loading, codes: np.ndarray, first: int) -> None:
         self.source, self.progress, self.negative = source, loading.progress, loading.negative
@@ -124,14 +126,12 @@ class _Placed:
         self._lock = threading.Lock()
 
     def __call__(self, view: int, pictures: np.ndarray) -> None:
-        """Checks the pictures `[L, T, B]` of a view and puts them into the band."""
+        """Checks the pictures `[L, T, B]` of a view and puts them in their place."""
         lowest = 0.0 if self.negative == "refuse" else -math.inf
         highest = _checked_highest(self.source, view, pictures, lowest)
         if self.negative == "clip" and pictures.dtype.kind == "f":
             pictures = np.maximum(pictures, 0)
-        lights = self.source.shape[1]
-        start = (view - self.first) * lights
-        transpose_into(self.codes[:, start : start + lights], pictures)
+        transpose_into(self.codes[view - self.first], pictures)
         with self._lock:
             self.highest = max(self.highest, highest)
             self.done += 1
@@ -167,10 +167,10 @@ def _checked_highest(source: ViewSource, view: int, pictures: np.ndarray, lowest
 def transpose_into(target: np.ndarray, pictures: np.ndarray) -> None:
     """Writes codes `[L, T, B]` to `target [T, L, B]`.
 
-    It works in blocks that fit in the cache of a core, as rows of the target are far apart, and
-    moves all B elements of a pixel at a time.
+    It works in blocks that fit in the cache of a core, as rows of a target in a cache file are far
+    apart, and moves all B elements of a pixel at a time.
     """
     pixel = f"V{pictures.shape[-1] * pictures.itemsize}"
     source, rows = pictures.view(pixel)[..., 0], target.view(pixel)[..., 0]
     for block in slices(pictures.shape[1], TRANSPOSED_TEXELS):
-        rows[block] = np.ascontiguousarray(source[:, block].T)
+        rows[block] = source[:, block].T

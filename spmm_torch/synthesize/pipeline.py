@@ -10,7 +10,8 @@ from torch import Tensor
 
 from ..config.synthesis import SynthesisSettings
 from ..data import BTF
-from ..data.codes import FloatExpansion, MemoryCodes
+from ..data.codes import MemoryCodes
+from ..data.expansion import FloatExpansion
 from ..data.percentile import percentile
 from ..data.store import CodeStore, check_not_black
 from ..errors import ConfigError

@@ -12,7 +12,7 @@ import pytest
 from spmm_torch.data.cache import entry_key
 from spmm_torch.data.codecs import openexr
 from spmm_torch.data.codecs.radiance import RgbeExpansion
-from spmm_torch.data.codes import DepthExpansion, Expansion, FloatExpansion, TableExpansion
+from spmm_torch.data.expansion import DepthExpansion, Expansion, FloatExpansion, TableExpansion
 from spmm_torch.data.store import Loading
 from spmm_torch.data.transpose import CodeStore, Place, ViewSource, open_store
 from tests.planted.pictures import encode_atrium, encode_png, random_codes, write_pictures

@@ -74,8 +74,6 @@ def test_all_ways_to_read_agree() -> None:
         assert torch.equal(aligned.signals(index), whole[index].transpose(1, 2))
     assert torch.equal(aligned.views(2, 4).flatten(1, 2), whole[:, 10:20])
     assert torch.equal(aligned.picture(3, 1).flatten(0, 1), whole[:, 16])
-    planes = whole[:, 10:15].permute(2, 0, 1)
-    assert torch.equal(aligned.planes(2), planes) and aligned.planes(2).is_contiguous()
     strips = aligned.store().strips(some, torch.tensor([0, 7, 2, 9]), len(LIGHT), "cpu")
     expected = whole.unflatten(1, (len(VIEW), -1))[some, torch.tensor([0, 7, 2, 9])]
     assert torch.equal(strips, expected)

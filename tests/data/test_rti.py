@@ -102,7 +102,7 @@ def test_values_are_divided_by_intensities(tmp_path: Path, make: Callable) -> No
     torch.testing.assert_close(btf.texels(), values)
     torch.testing.assert_close(btf.signals(), values.transpose(1, 2))
     torch.testing.assert_close(btf.picture(0, 3).reshape(15, 3), values[:, 3])
-    torch.testing.assert_close(btf.planes(0), values.permute(2, 0, 1))
+    torch.testing.assert_close(btf.views(0, 1)[:, 0], values)
     assert btf.is_hdr
     part = btf.restricted(torch.tensor([4, 2]), (1, 2), lights=torch.tensor([3, 1]))
     torch.testing.assert_close(part.texels(), values[[4, 2]][:, [3, 1]])

@@ -84,7 +84,6 @@ def test_some_texels(tmp_path: Path) -> None:
         lambda btf: btf.signals(),
         lambda btf: btf.picture(0, 0),
         lambda btf: btf.pictures(0),
-        lambda btf: btf.planes(0),
         lambda btf: btf.restricted(views=torch.tensor([0])),
     ],
 )

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spmm_torch.data.cache import default_folder
-from spmm_torch.data.codes import FileCodes, MemoryCodes
+from spmm_torch.data.codes import FileCodes, ViewCodes
 from spmm_torch.data.store import CodeStore, float_chunks
 from spmm_torch.data.transpose import DEFAULT_BAND_BYTES, transpose_into
 from spmm_torch.errors import DataError
@@ -34,8 +34,6 @@ def assert_same(store: CodeStore, expected: CodeStore) -> None:
         assert torch.equal(store.texels(index), expected.texels(index))
     for start, stop in ((0, VIEWS * LIGHTS), (4, 5), (2, 11), (3, 3)):
         assert torch.equal(store.pairs(start, stop), expected.pairs(start, stop))
-        planes = expected.pairs(start, stop).permute(2, 0, 1)
-        assert torch.equal(store.planes(start, stop), planes)
     assert store.is_hdr == expected.is_hdr
 
 
@@ -55,12 +53,10 @@ def test_transpose(data: st.DataObject) -> None:
 def test_values_in_memory(new_format: NewFormat, kind: str) -> None:
     fake = new_format(kind)
     store = fake.open()
-    assert isinstance(store.codes, MemoryCodes)
+    assert isinstance(store.codes, ViewCodes)
     expected = fake.expand(torch.from_numpy(fake.texel_major.copy()))
     assert torch.equal(store.texels(None), expected)
     assert torch.equal(store.pairs(4, 9), expected[:, 4:9])
-    planes = store.planes(4, 9)
-    assert torch.equal(planes, expected[:, 4:9].permute(2, 0, 1)) and planes.is_contiguous()
     assert store.is_hdr == bool((expected > 1.0).any()) == (kind not in ("uint8", "uint16"))
 
 
@@ -97,7 +93,7 @@ def test_cache_only_for_what_exceeds_the_memory(new_format: NewFormat) -> None:
     fake = new_format()
     size = fake.codes.nbytes
     for memory in (None, size):
-        assert isinstance(fake.open(memory=memory).codes, MemoryCodes)
+        assert isinstance(fake.open(memory=memory).codes, ViewCodes)
     assert not default_folder().exists()
     assert isinstance(fake.open(memory=size - 1).codes, FileCodes)
     assert len(list(default_folder().glob("*.npy"))) == 1

@@ -15,7 +15,7 @@ import torch
 from PIL import Image
 from torch import Tensor
 
-from ..codes import Expansion
+from ..expansion import Expansion
 from .base import Codec, UnsuitableError
 
 __all__ = [

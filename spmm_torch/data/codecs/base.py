@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from ...runtime.foreign import foreign_kind
-from ..codes import Expansion
+from ..expansion import Expansion
 
 
 class UnsuitableError(ValueError):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..codes import Expansion, FloatExpansion
+from ..expansion import Expansion, FloatExpansion
 from .base import UnsuitableError
 from .chromaticities import REC709, are_rec709, rec709_of_rgb, xyz_of_rgb
 from .exr_layers import RGB, Layer, find_layer

@@ -11,7 +11,7 @@ import io
 import numpy as np
 from PIL import Image
 
-from ..codes import DepthExpansion, Expansion
+from ..expansion import DepthExpansion, Expansion
 from .arrangement import ORIENTATION_TAG, rgb_of, upright
 from .base import UnsuitableError, refuse_foreign
 from .netpbm import decode_deep, is_deep

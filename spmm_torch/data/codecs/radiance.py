@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from ..codes import Expansion, TableExpansion
+from ..expansion import Expansion, TableExpansion
 from .base import UnsuitableError
 from .chromaticities import ROUNDING, are_rec709
 from .scanlines import decode_scanlines, encode_scanlines

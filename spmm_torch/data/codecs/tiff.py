@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..codes import DepthExpansion, Expansion
+from ..expansion import DepthExpansion, Expansion
 from .arrangement import ORIENTATION_TAG, rgb_of, upright
 from .base import UnsuitableError
 from .pillow import MAX_PIXELS_PER_BYTE, decode_as

@@ -127,16 +127,6 @@ class FactorStore:
         shape = (len(self._texels), stop - start, CHANNELS)
         return self._expand(self._texels, start, torch.empty(shape))
 
-    def planes(self, start: int, stop: int) -> Tensor:
-        """Linear values `[C, T, stop - start]` float32 of the same, on the CPU.
-
-        Raises:
-            DataError: as for `texels`.
-        """
-        values = torch.empty((CHANNELS, len(self._texels), stop - start))
-        self._expand(self._texels, start, values.permute(1, 2, 0))
-        return values
-
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
     ) -> Tensor:

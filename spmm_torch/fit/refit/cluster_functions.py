@@ -19,6 +19,7 @@ from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
 from .matrices import channel_matrices, solve_with_ridge
+from .pictures import pictures_of
 
 # Ridge relative to the mean diagonal: no pixel may see a cluster at grazing views.
 RIDGE = 1e-6
@@ -118,17 +119,16 @@ def left_over(
             value += torch.einsum("tr,rlc->tlc", coefficient, functions[view])
         if own is not None:
             value += own[:, view][labels.to(device)]
-        picture = pictures.views(view, view + 1)[:, 0].to(device)
-        if lookups.pixel is not None:
-            picture = picture * lookups.pixel[:, None, None]
-        drawn = lookups.drawn(slice(view, view + 1))
-        left = picture.flatten(1) - drawn @ value.flatten(1)
+        run = slice(view, view + 1)
+        picture = pictures_of(pictures, run, lookups, device)[0]  # [T, L C]
+        drawn = lookups.drawn(run)
+        left = picture - drawn @ value.flatten(1)
         seen = drawn @ member  # [T, K]
         products[view] = (seen.T @ left).view(-1, *shape)
         gram[view] = seen.T @ seen
         energy[view] = left.double().square().sum(0).view(shape)
-        value_energy[view] = picture.double().square().sum(0)
-        total = (pixels.T @ picture.flatten(1)).double()  # [K, L C]
+        value_energy[view] = picture.double().square().sum(0).view(shape)
+        total = (pixels.T @ picture).double()  # [K, L C]
         means[view] = (total.square() / count[:, None]).sum(0).view(shape)
         advance(ranks.size)
     parts = (products, gram, energy, value_energy, means)

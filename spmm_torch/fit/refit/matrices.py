@@ -31,6 +31,14 @@ def joint_matrix(entries: SparseWeights, lobes: int) -> Tensor:
     return csr_matrix((entries.offset * channels).int(), column, entries.weight.flatten(), shape)
 
 
+def transposed(matrix: Tensor) -> Tensor:
+    """The transpose of a sparse CSR matrix `[M, N]`, sparse CSR `[N, M]`."""
+    offset = matrix.crow_indices()
+    row = torch.repeat_interleave(offset[1:] - offset[:-1])
+    shape = (matrix.shape[1], matrix.shape[0])
+    return matrix_of(matrix.col_indices().long(), row, matrix.values(), shape)
+
+
 def matrix_of(row: Tensor, column: Tensor, value: Tensor, shape: tuple[int, int]) -> Tensor:
     """The sparse CSR matrix `shape` of entries in any order.
 

@@ -15,13 +15,8 @@ from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
-from .matrices import (
-    channel_matrices,
-    columns_by_view,
-    matrix_of,
-    products_at,
-    rows_by_view,
-)
+from .matrices import columns_by_view, joint_matrix, matrix_of, products_at
+from .pictures import pictures_of
 
 
 @dataclass(frozen=True)
@@ -76,25 +71,29 @@ def project(
         advance: called with the number of views done.
     """
     device, channels = rho.device, pictures.channels
-    lobes = torch.zeros(len(entries.index), channels, dtype=torch.float64, device=device)
+    lobes = torch.zeros(entries.weight.numel(), dtype=torch.float64, device=device)
     sums = torch.zeros(2, dtype=torch.float64, device=device)
     members = _members(labels.to(device), lookups.pixel)
-    pattern = channel_matrices(entries, rho.shape[1])[0]
+    pattern = joint_matrix(entries, rho.shape[1])
     for run in lookups.runs(*ranks.span(lookups.views)):
-        picture = pictures.planes(run.start, run.stop).to(device)  # [C, T, n L]
+        picture = pictures_of(pictures, run, lookups, device)  # [n, T, L C]
         if scale is not None:
-            picture = picture * scale.view(lookups.views, -1)[run].flatten()
-        if lookups.pixel is not None:
-            picture = picture * lookups.pixel[:, None]
+            by_view = scale.view(lookups.views, 1, -1)[run]
+            picture = picture * by_view.repeat_interleave(channels, dim=2)
         sums = sums + _sums(picture, members)
-        gathered = lookups.gathered(run, apart=True)
-        own = rho[run].transpose(1, 2).flatten(0, 1).contiguous()  # [n L, J]
-        for channel, plane in enumerate(picture):
-            shown = columns_by_view(gathered @ rows_by_view(plane, run), run)
-            lobes[:, channel] += products_at(pattern, shown, own)
+        shown = lookups.gathered(run, apart=True) @ picture.flatten(0, 1)
+        lobes += products_at(pattern, columns_by_view(shown, run), _by_channel(rho[run], channels))
         advance(ranks.size * (run.stop - run.start))
     energy, means = ranks.sum(sums.cpu()).tolist()
-    return Projections(ranks.sum(lobes), energy, means)
+    return Projections(ranks.sum(lobes).view(-1, channels), energy, means)
+
+
+def _by_channel(rho: Tensor, channels: int) -> Tensor:
+    """Lobes `[n, J, L]`, each for every channel alone, `[n L C, J C]`."""
+    views, lobes, lights = rho.shape
+    table = rho.new_zeros(views, lights, channels, lobes, channels)
+    table.diagonal(dim1=2, dim2=4).copy_(rho.transpose(1, 2)[..., None])  # [n, L, J, C]
+    return table.flatten(3).flatten(0, 2)
 
 
 def _members(labels: Tensor, pixel: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -112,15 +111,15 @@ def _members(labels: Tensor, pixel: Tensor | None) -> tuple[Tensor, Tensor]:
     return matrix, value.new_zeros(clusters).index_add_(0, labels, value.square())
 
 
-def _sums(picture: Tensor, members: tuple[Tensor, Tensor]) -> Tensor:
-    """Energy of pictures `[C, T, L]` and of the means of clusters, `[2]` float64.
+def _sums(pictures: Tensor, members: tuple[Tensor, Tensor]) -> Tensor:
+    """Energy of pictures `[n, T, L C]` and of the means of clusters, `[2]` float64.
 
     Args:
-        picture: of one view.
+        pictures: of n views.
         members: see `_members`.
     """
     matrix, count = members
-    energy = torch.linalg.vector_norm(picture, dim=2).double().square().sum()
-    total = torch.stack([matrix @ plane for plane in picture]).double()  # [C, K, L]
+    energy = torch.linalg.vector_norm(pictures, dim=2).double().square().sum()
+    total = torch.stack([matrix @ rows for rows in pictures]).double()  # [n, K, L C]
     means = (total.square() / count[:, None]).sum()
     return torch.stack((energy, means))

@@ -87,7 +87,6 @@ def test_small_tiles(monkeypatch: pytest.MonkeyPatch, path: Path, whole: torch.T
 def test_pairs(btf: BTF, whole: torch.Tensor, start: int, stop: int) -> None:
     part = whole[:, start:stop]
     torch.testing.assert_close(btf._store.pairs(start, stop), part)
-    torch.testing.assert_close(btf._store.planes(start, stop), part.permute(2, 0, 1))
 
 
 def test_threads_share_a_store(path: Path, whole: torch.Tensor) -> None:

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from PIL import Image, JpegImagePlugin
 
 from spmm_torch.data import BTF, load_btf, sample_path
-from spmm_torch.data.codes import TableExpansion
 from spmm_torch.data.crop import crop_ubo2003
+from spmm_torch.data.expansion import TableExpansion
 from spmm_torch.data.writers import write_ubo2003
 from spmm_torch.data.writers.ubo2003 import _codes
 from spmm_torch.errors import ConfigError, OutputError
