@@ -18,6 +18,7 @@ from typing import NoReturn
 
 from spmm_torch import __version__
 from spmm_torch.errors import SPMMError
+from spmm_torch.runtime.allocator import keep_freed_memory
 from spmm_torch.runtime.lasting import lasting_errors
 
 from .parser import Parser, print_lines
@@ -86,6 +87,7 @@ def main(arguments: list[str] | None = None) -> int:
         os.environ.update(
             {name: value for name, value in PASSIVE.items() if name not in os.environ}
         )
+        keep_freed_memory()
     warnings.filterwarnings("ignore", message=PILLOW_WARNING)
     given = sys.argv[1:] if arguments is None else arguments
     with lasting_errors(), interruptible() as interrupted:
