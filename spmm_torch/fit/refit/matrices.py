@@ -72,6 +72,14 @@ def side_by_side(parts: Tensor) -> Tensor:
     return parts.transpose(0, 1).flatten(1)
 
 
+def by_channel(rho: Tensor, channels: int) -> Tensor:
+    """Lobes `[n, J, L]`, each for every channel alone, `[n L C, J C]`."""
+    views, lobes, lights = rho.shape
+    table = rho.new_zeros(views, lights, channels, lobes, channels)
+    table.diagonal(dim1=2, dim2=4).copy_(rho.transpose(1, 2)[..., None])  # [n, L, J, C]
+    return table.flatten(3).flatten(0, 2)
+
+
 def rows_by_view(columns: Tensor, run: slice) -> Tensor:
     """Columns `[T, n B]` of the n views of a run as rows `[n T, B]`, view by view."""
     return columns.unflatten(1, (run.stop - run.start, -1)).transpose(0, 1).flatten(0, 1)

@@ -15,7 +15,7 @@ from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
-from .matrices import columns_by_view, joint_matrix, matrix_of, products_at
+from .matrices import by_channel, columns_by_view, joint_matrix, matrix_of, products_at
 from .pictures import pictures_of
 
 
@@ -82,18 +82,10 @@ def project(
             picture = picture * by_view.repeat_interleave(channels, dim=2)
         sums = sums + _sums(picture, members)
         shown = lookups.gathered(run, apart=True) @ picture.flatten(0, 1)
-        lobes += products_at(pattern, columns_by_view(shown, run), _by_channel(rho[run], channels))
+        lobes += products_at(pattern, columns_by_view(shown, run), by_channel(rho[run], channels))
         advance(ranks.size * (run.stop - run.start))
     energy, means = ranks.sum(sums.cpu()).tolist()
     return Projections(ranks.sum(lobes).view(-1, channels), energy, means)
-
-
-def _by_channel(rho: Tensor, channels: int) -> Tensor:
-    """Lobes `[n, J, L]`, each for every channel alone, `[n L C, J C]`."""
-    views, lobes, lights = rho.shape
-    table = rho.new_zeros(views, lights, channels, lobes, channels)
-    table.diagonal(dim1=2, dim2=4).copy_(rho.transpose(1, 2)[..., None])  # [n, L, J, C]
-    return table.flatten(3).flatten(0, 2)
 
 
 def _members(labels: Tensor, pixel: Tensor | None) -> tuple[Tensor, Tensor]:

@@ -23,12 +23,8 @@ from ..problem import Problem
 from ..select.clusters import ClusterFit
 from .rank_residual import RankResidual
 from .setup import Advance, Setup
-from .system import System, stored_weights
+from .system import ROUNDING, System, stored_weights
 from .turns import Turns
-
-# Errors under this share of the energy are computed value by value: the algebra of float32
-# products is right to some 1e-7 of the energy.
-ROUNDING = 1e-4
 
 
 @dataclass(frozen=True)

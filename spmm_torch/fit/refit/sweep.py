@@ -2,8 +2,8 @@
 
 A pair of directions tells its own value of every function, apart from all other pairs. So the pass
 that fits the functions of a view also gives their products with the pictures of that view, from
-which the next coefficients follow. What the lobes show is never drawn: its products with R columns
-take a fifth of the work.
+which the next coefficients follow. What the lobes show need not be drawn for it: its products with
+R columns take a fifth of the work.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
 from .lookups import Lookups
 from .matrices import (
+    by_channel,
     columns_by_view,
     joint_matrix,
     rows_by_view,
@@ -68,6 +69,7 @@ def sweep(
     ranks: Ranks,
     advance: Callable[[int], object],
     *,
+    exact: bool,
     kept: Tensor | None = None,
 ) -> Swept:
     """Reads all pictures once; every rank has a part of the views.
@@ -81,6 +83,8 @@ def sweep(
         coefficient: c, `[T, R]`.
         ranks: processes among which the views are divided.
         advance: called with the number of views done.
+        exact: whether what the lobes leave is drawn; by products alone, which takes a third of the
+            time, it is right to the rounding of the pictures.
         kept: share of the functions to keep at each pair, `[V, L]`; None: 1.
     """
     device, rank = rho.device, coefficient.shape[1]
@@ -89,20 +93,23 @@ def sweep(
     products = torch.zeros(coefficient.shape, dtype=torch.float64, device=device)
     lobes = _Lobes.of(entries, rho)
     for run in lookups.runs(*ranks.span(lookups.views)):
-        picture = pictures_of(pictures, run, lookups, device)  # [n, T, L C]
+        left = pictures_of(pictures, run, lookups, device)  # [n, T, L C]
+        if exact:
+            left = left - lobes.drawn(lookups, run, channels).view_as(left)
         seen = (lookups.drawn(run) @ coefficient).unflatten(0, (-1, len(coefficient)))  # [n, T, R]
         across = seen.transpose(1, 2)
-        # With S = W_v c and lobes J: S^T (Y - W_v J) = S^T Y - (W_v^T S)^T J, of R columns each.
-        back = lookups.gathered(run, apart=True) @ seen.flatten(0, 1)
-        rhs = across @ picture - lobes.shown_by(back, run)
+        rhs = across @ left
+        if not exact:  # with S = W_v c and lobes J: S^T (Y - W_v J) = S^T Y - (W_v^T S)^T J
+            rhs -= lobes.shown_by(lookups.gathered(run, apart=True) @ seen.flatten(0, 1), run)
         found = solve_with_ridge(across @ seen, rhs, RIDGE).unflatten(2, (lights, channels))
         if kept is not None:
             found = found * kept[run][:, None, :, None]
         functions[run] = found
         if scale is not None:
             found = found * scale.view(-1, 1, lights, 1)[run].square()
-        shown = (picture @ found.flatten(2).transpose(1, 2)).flatten(0, 1)  # [n T, R]
-        shown -= lookups.drawn(run, apart=True) @ lobes.along(found, run)
+        shown = (left @ found.flatten(2).transpose(1, 2)).flatten(0, 1)  # [n T, R]
+        if not exact:
+            shown -= lookups.drawn(run, apart=True) @ lobes.along(found, run)
         products += lookups.gathered(run) @ shown
         advance(ranks.size * (run.stop - run.start))
     return Swept(ranks.sum(functions), ranks.sum(products))
@@ -110,7 +117,7 @@ def sweep(
 
 @dataclass(frozen=True)
 class _Lobes:
-    """What the lobes of all texels show, for products with functions of few columns.
+    """What the lobes of all texels show, and its products with functions of few columns.
 
     Attributes:
         weight: of the texels, sparse CSR `[T, J C]`.
@@ -126,6 +133,11 @@ class _Lobes:
     def of(cls, entries: SparseWeights, rho: Tensor) -> _Lobes:
         weight = joint_matrix(entries, rho.shape[1])
         return cls(weight, transposed(weight), rho)
+
+    def drawn(self, lookups: Lookups, run: slice, channels: int) -> Tensor:
+        """What pixels show `[n T, L C]`."""
+        values = self.weight @ by_channel(self.rho[run], channels).T  # [T, n L C]
+        return lookups.drawn(run, apart=True) @ rows_by_view(values, run)
 
     def shown_by(self, columns: Tensor, run: slice) -> Tensor:
         """Products `[n, R, L C]` of rows of texels `[n T, R]` with what the lobes show there."""

@@ -25,6 +25,9 @@ TOLERANCE = 1e-4
 # that all views show: one that is hidden in nearly all views would grow without bounds to follow a
 # trace of it in the others, and stand out where none was measured.
 HELD = 0.01
+# Errors under this share of the energy are computed value by value: the algebra of float32
+# products is right to some 1e-7 of the energy.
+ROUNDING = 1e-4
 # Share of the energy under which the algebra of products tells no loss, and weights stay as they
 # are.
 FAINT = 1e-6

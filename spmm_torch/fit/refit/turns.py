@@ -31,7 +31,7 @@ from .components import (
 from .rank_residual import RankResidual
 from .setup import Setup
 from .sweep import Swept, sweep
-from .system import MAX_ROUNDING_DB, System
+from .system import MAX_ROUNDING_DB, ROUNDING, System
 
 BYTES, HALVES = torch.int8, torch.float16
 
@@ -89,6 +89,7 @@ class Turns:
                     self.coefficient,
                     problem.context.ranks,
                     self.setup.advance,
+                    exact=self._nearly_exact,
                     kept=self.kept,
                 ),
             )
@@ -138,6 +139,12 @@ class Turns:
         """The functions of the last turn, of which there was one."""
         assert self.swept is not None
         return self.swept
+
+    @property
+    def _nearly_exact(self) -> bool:
+        """Whether the lobes leave so little that products of pictures would not tell it."""
+        left = self.system.error(self.entries.weight)
+        return left < ROUNDING * self.system.products.energy
 
     @cached_property
     def _gram(self) -> Tensor:

@@ -34,7 +34,7 @@ def left_by_lobes(sample: Case) -> Tensor:
     return (sample.values() - shown) / sample.pair_scale()[:, None, :, None]
 
 
-def swept(sample: Case) -> Swept:
+def swept(sample: Case, *, exact: bool) -> Swept:
     return sweep(
         sample.pictures,
         sample.scale,
@@ -44,22 +44,25 @@ def swept(sample: Case) -> Swept:
         coefficient(sample),
         ALONE,
         silent,
+        exact=exact,
     )
 
 
+@pytest.mark.parametrize("exact", [True, False])
 def test_functions_are_those_of_least_squares(
-    sample: Case, monkeypatch: pytest.MonkeyPatch
+    sample: Case, exact: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sweeps, "RIDGE", 1e-9)
     seen = sample.shown() @ coefficient(sample).double()  # [V, T, R]
     left = left_by_lobes(sample)
     expected = torch.linalg.lstsq(seen, left.flatten(2)).solution  # [V, R, L C]
-    found = swept(sample).functions
+    found = swept(sample, exact=exact).functions
     torch.testing.assert_close(found.double().flatten(2), expected, rtol=1e-3, atol=1e-3)
 
 
-def test_products_with_what_the_lobes_leave(sample: Case) -> None:
-    found = swept(sample)
+@pytest.mark.parametrize("exact", [True, False])
+def test_products_with_what_the_lobes_leave(sample: Case, exact: bool) -> None:
+    found = swept(sample, exact=exact)
     shown = sample.component_design(found.functions).flatten(4)  # [V, T, L, C, T R]
     left = left_by_lobes(sample) * sample.pair_scale()[:, None, :, None]
     expected = torch.einsum("vplcm,vplc->m", shown, left).view(-1, RANK)
@@ -88,7 +91,7 @@ def test_functions_of_clusters(sample: Case, beside: bool) -> None:
     left, components = left_by_lobes(sample), None
     if beside:
         own = coefficient(sample)
-        functions = swept(sample).functions
+        functions = swept(sample, exact=True).functions
         components = functions, own
         shown = sample.component_design(functions).flatten(4) @ own.double().flatten()
         left = left - shown / sample.pair_scale()[:, None, :, None]
