@@ -68,13 +68,16 @@ class EditorApp:
 
     def run(self, host: str, port: int, open_browser: bool) -> None:
         """Serves the page until the process is stopped."""
-        self.server.start(
-            host=host,
-            port=port,
-            open_browser=open_browser,
-            show_connection_info=False,
-            timeout=0,
-        )
+        try:
+            self.server.start(
+                host=host,
+                port=port,
+                open_browser=open_browser,
+                show_connection_info=False,
+                timeout=0,
+            )
+        finally:
+            self.changed.set()  # ends the picture that the process would wait for
 
     def render_anew(self) -> None:
         """Asks for pictures of what is there now."""
