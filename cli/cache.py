@@ -8,6 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from spmm_torch.errors import ConfigError
+
 from .parser import Parser, file_name
 
 
@@ -30,14 +32,19 @@ def run(options: argparse.Namespace) -> list[str]:
     """Shows or clears the cache.
 
     Raises:
+        ConfigError: --cache is no folder.
         OutputError: an entry cannot be removed.
     """
+    if options.cache is not None and not Path(options.cache).is_dir():
+        raise ConfigError(
+            f"--cache {options.cache} is no folder; expected that of a cache; check the path."
+        )
     from spmm_torch.data.cache import clear, default_folder, entries
 
     folder = Path(options.cache) if options.cache else default_folder()
     if options.action == "list":
-        return [
-            f"{size / 1e9:7.2f} GB  {state:<10} {source}" for size, source, state in entries(folder)
-        ]
+        kept = entries(folder)
+        lines = [f"{size / 1e9:7.2f} GB  {state:<10} {source}" for size, source, state in kept]
+        return lines or [f"{folder} keeps no BTF"]
     count, freed = clear(folder)
     return [f"{folder}: {count} files removed, {freed / 1e9:.2f} GB freed"]

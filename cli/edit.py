@@ -46,6 +46,11 @@ def run(options: argparse.Namespace) -> list[str]:
         SPMMError: bad input, or a script that cannot be followed.
     """
     if options.interactive:
+        if options.script is not None:
+            raise ConfigError(
+                f"SCRIPT {options.script} is given with --interactive; expected one of the two; "
+                f"follow the script first, and open the run that it makes."
+            )
         return editor.run(options)
     if options.script is None or options.output is None:
         missing = "SCRIPT" if options.script is None else "-o RUN2"

@@ -101,10 +101,12 @@ def run(options: argparse.Namespace) -> list[str]:
     elif not options.resume:
         check_place(options.output)
     from spmm_torch.runs.folder import REPORT_PAGE, is_finished, remove_leftovers
+    from spmm_torch.runs.inputs import check_finished
     from spmm_torch.runtime.lasting import outliving_terminal
     from spmm_torch.runtime.ranks import speaks
 
     if options.resume and is_finished(options.output):
+        check_finished(options.output, options.input, config)
         remove_leftovers(options.output)
     else:
         with outliving_terminal():

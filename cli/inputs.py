@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from spmm_torch.config.fit import DataConfig, FitConfig
 from spmm_torch.config.shipped import settings_of
 from spmm_torch.errors import DataError, OutputError
+from spmm_torch.runtime.foreign import absence
 
 from .parser import Group, file_name
 from .settings import add_settings
@@ -35,8 +36,8 @@ def check_input(path: str) -> None:
     Raises:
         DataError: there is nothing.
     """
-    if not Path(path).exists():
-        raise DataError(f"{path} does not exist; expected {FORMATS}; check the path.")
+    if (reason := absence(path)) is not None:
+        raise DataError(f"{path} {reason}; expected {FORMATS}; check the path.")
 
 
 def check_run(path: str, hint: str = "fit it by spmm fit first") -> None:
@@ -50,9 +51,9 @@ def check_run(path: str, hint: str = "fit it by spmm fit first") -> None:
         OutputError: there is nothing, or a file of another kind.
     """
     place = Path(path)
-    if not place.exists():
+    if (reason := absence(path)) is not None:
         raise OutputError(
-            f"{path} does not exist; expected a run folder made by spmm fit; check the path."
+            f"{path} {reason}; expected a run folder made by spmm fit; check the path."
         )
     if place.is_file() and place.suffix.lower() != MODEL_SUFFIX:
         raise OutputError(f"{path} is neither a run folder nor a {MODEL_SUFFIX} file; {hint}.")

@@ -104,6 +104,8 @@ def main(arguments: list[str] | None = None) -> int:
                 return complain(stopped, STOPPED)
             if is_memory(error):
                 return complain(f"error: {TOO_LITTLE_MEMORY}", BAD_INPUT)
+            if isinstance(error, OSError) and isinstance(error.filename, str | bytes):
+                return complain(f"error: {unusable(error)}", BAD_INPUT)
             raise
 
 
@@ -149,6 +151,14 @@ def interruptible() -> Iterator[Event]:
     finally:
         if ours:
             signal.signal(signal.SIGINT, before)
+
+
+def unusable(error: OSError) -> str:
+    """What is wrong with a file or folder that the system refuses, wherever that comes out."""
+    return (
+        f"{os.fsdecode(error.filename)} cannot be used ({error.strerror}); expected a place that "
+        f"can be read and written; check the path, its permissions and the disk."
+    )
 
 
 def is_memory(error: BaseException) -> bool:

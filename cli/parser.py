@@ -84,7 +84,13 @@ def print_lines(lines: Iterable[str]) -> None:
 
 
 def file_name(text: str) -> str:
-    """The name of a file or folder as it was typed: shells complete arguments of this `type`."""
+    """The name of a file or folder as it was typed: shells complete arguments of this `type`.
+
+    Raises:
+        ArgumentTypeError: it is empty, as where a shell's variable is not set.
+    """
+    if not text:
+        raise argparse.ArgumentTypeError("'' is no name; expected that of a file or folder")
     return text
 
 

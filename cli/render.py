@@ -145,6 +145,25 @@ def write_pictures(
     return exposure
 
 
+def _check_effect(options: argparse.Namespace) -> None:
+    """Refuses options that would change nothing: what they were meant for is something else."""
+    reading = {"--config": options.config, "--set": options.set, "--pattern": options.pattern}
+    given = next((name for name, value in reading.items() if value), None)
+    if given is not None and options.input is None:
+        raise ConfigError(
+            f"{given} tells how a BTF is read, and there is none; expected --input BTF beside it; "
+            f"give one, or leave {given} out."
+        )
+    if options.turn != "light" and options.turntable is None:
+        raise ConfigError(
+            f"--turn {options.turn} is that of a turntable; expected --turntable N beside it."
+        )
+    if options.display_gamma is not None and options.output.lower().endswith(".exr"):
+        raise ConfigError(
+            f"--gamma is for .png and .gif; output {options.output} is linear; leave it out."
+        )
+
+
 def _check(options: argparse.Namespace) -> None:
     """Refuses what cannot go on, before any work is done."""
     gamma, frames = options.display_gamma, options.turntable
@@ -154,6 +173,7 @@ def _check(options: argparse.Namespace) -> None:
         raise ConfigError(f"--gamma is {gamma}; expected a positive number.")
     if frames is not None and not 2 <= frames <= MAX_FRAMES:
         raise ConfigError(f"--turntable is {frames}; expected 2 to {MAX_FRAMES} frames.")
+    _check_effect(options)
     check_place(options.output, replaces=True)
     check_output(options.output, frames is not None)
     if options.input is not None:

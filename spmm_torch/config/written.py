@@ -88,8 +88,8 @@ def load_text(text: str) -> Any:
     return yaml.load(text, _Loader)  # noqa: S506 - a SafeLoader
 
 
-def load_yaml(path: Path | str) -> Any:
-    """The content of a YAML file, as `load_text` gives it.
+def load_yaml(path: Path | str, what: str = "settings file") -> Any:
+    """The content of a YAML file, as `load_text` gives it; `what` names it in complaints.
 
     Raises:
         ConfigError: no such file, or not valid YAML.
@@ -97,10 +97,10 @@ def load_yaml(path: Path | str) -> Any:
     try:
         return load_text(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"settings file {path} cannot be read ({error}); check it.") from error
+        raise ConfigError(f"{what} {path} cannot be read ({error}); check it.") from error
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
-        raise ConfigError(f"settings file {path} is not valid YAML: {reason}; mend it.") from error
+        raise ConfigError(f"{what} {path} is not valid YAML: {reason}; mend it.") from error
 
 
 def read_yaml(path: Path | str) -> dict[str, Any]:

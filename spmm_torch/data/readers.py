@@ -14,7 +14,7 @@ from typing import Any, Protocol, cast
 from ..config.fit import DataConfig
 from ..errors import ConfigError, DataError, alternatives
 from ..runtime.device import plain_torch
-from ..runtime.foreign import foreign_file
+from ..runtime.foreign import absence, foreign_file
 from . import picture_set
 from .btf import BTF
 from .codecs import SUFFIXES
@@ -167,8 +167,8 @@ def _same_part(whole: BTF, other: BTF) -> BTF:
 
 def _read(path: Path | str, options: ReadOptions) -> BTF:
     source = Path(path)
-    if not source.exists():
-        raise DataError(f"{path} does not exist; {_expected()}; check the path.")
+    if (reason := absence(source)) is not None:
+        raise DataError(f"{path} {reason}; {_expected()}; check the path.")
     try:
         reader = _reader_of(source, options)
         if reader is None and source.is_dir() and (inner := _only_btf_in(source)) is not None:

@@ -100,7 +100,7 @@ class Script:
         Raises:
             ConfigError: no such file, no YAML, or no valid script.
         """
-        return cls.parse(load_yaml(path), Path(path).resolve().parent)
+        return cls.parse(load_yaml(path, "edit script"), Path(path).resolve().parent)
 
     def plain(self) -> list[dict[str, Any]]:
         """Plain values that `parse` takes back; options at their defaults are left out."""

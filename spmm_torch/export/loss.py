@@ -16,6 +16,7 @@ from ..geometry.warp import square_to_uniform_hemisphere
 from ..metrics import snr_db
 from ..model.spmm import SPMM
 from ..render import Material, Texture
+from ..report.wording import decibels
 from ..runtime.memory import slices
 from .target import RELIEF, RESIDUAL
 
@@ -41,9 +42,9 @@ class Loss:
 
     def line(self) -> str:
         """The figures on one line."""
-        text = f"SNR {self.snr_db:.2f} dB at {QUERIES:,} random (uv, wi, wo)"
+        text = f"SNR {decibels(self.snr_db)} at {QUERIES:,} random (uv, wi, wo)"
         if self.held_snr_db != self.snr_db:
-            text += f", {self.held_snr_db:.2f} dB without what is left out"
+            text += f", {decibels(self.held_snr_db)} without what is left out"
         if self.flip is None:
             return f"{text}; FLIP needs the extra eval"
         errors = ", ".join(

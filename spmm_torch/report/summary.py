@@ -34,7 +34,7 @@ from .contract import (
     Sizes,
 )
 from .materials import materials
-from .wording import decibels, fixed, percent, plural
+from .wording import decibels, fixed, percent, plural, times_smaller
 
 
 def summarize(
@@ -144,11 +144,13 @@ def warning_of_narrow_lobes(objective: ObjectiveFigures) -> str | None:
 def headline(report: Report) -> str:
     """The result in one line, and what pictures show in two more where there are any."""
     snr = report.snr_db
-    means = "" if snr.cluster_mean is None else f" (bare cluster means {snr.cluster_mean:.2f} dB)"
+    means = (
+        "" if snr.cluster_mean is None else f" (bare cluster means {decibels(snr.cluster_mean)})"
+    )
     line = (
-        f"SNR {snr.without_residual:.2f} dB without residual, {snr.with_residual:.2f} dB "
+        f"SNR {decibels(snr.without_residual)} without residual, {decibels(snr.with_residual)} "
         f"with it{means}, {report.mean_basis_per_texel:.1f} lobes a texel, "
-        f"{report.compression_ratio:.0f} times smaller, {report.seconds.total:.1f} s"
+        f"{times_smaller(report.compression_ratio)}, {report.seconds.total:.1f} s"
     )
     return "\n".join([line, *picture_lines(report.sharpness, report.display)])
 

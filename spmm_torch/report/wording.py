@@ -86,6 +86,12 @@ def ratio(value: float | None) -> str:
     return f"1:{value:,.0f}" if value >= 10.0 else f"1:{value:.1f}"
 
 
+def times_smaller(ratio: float) -> str:
+    """A compression ratio as `37 times smaller`, or `2.5 times larger` below 1."""
+    times, word = (ratio, "smaller") if ratio >= 1.0 else (1.0 / ratio, "larger")
+    return f"{times:,.{0 if times >= 10.0 else 1}f} times {word}"
+
+
 def number(value: float | None) -> str:
     """`12,345`, or `6.53` if it is not whole."""
     if value is None:

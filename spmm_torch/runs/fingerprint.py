@@ -25,6 +25,8 @@ CONTENTS = {
 # Settings that name files whose content is among the facts: how they are named does not count.
 NAMES_ONLY = ("weights.scene", "weights.file")
 HEIGHTS = "relief.height"
+# Settings that name files, of which a finished run keeps no content, and that of the machine.
+FILES, MACHINE = (*NAMES_ONLY, HEIGHTS), "device"
 
 
 def fingerprint(btf: BTF, config: FitConfig, weights: Weights) -> dict[str, Any]:
@@ -67,6 +69,18 @@ def difference(before: dict[str, Any], now: dict[str, Any]) -> str:
     if key in CONTENTS:
         return f"other content of {CONTENTS[key]}, which has changed since or is another one"
     return f"{key} = {before.get(key)!r}, not {now.get(key)!r}"
+
+
+def differing_setting(before: FitConfig, now: FitConfig) -> str | None:
+    """In what the settings of a finished run differ, as by `difference`; None if in nothing.
+
+    The device does not count, and files are told by their last names.
+    """
+    rows = [_flat(each.to_dict()) for each in (before, now)]
+    for row in rows:
+        del row[MACHINE]
+        row.update({name: Path(row[name]).name for name in FILES if row[name] is not None})
+    return None if rows[0] == rows[1] else difference(*rows)
 
 
 def _content_of(path: Path) -> str:

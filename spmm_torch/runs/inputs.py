@@ -10,9 +10,10 @@ from typing import Any
 from ..config.fit import FitConfig
 from ..config.written import read_yaml
 from ..data import BTF, load_input
-from ..errors import DataError, OutputError
+from ..errors import ConfigError, DataError, OutputError
 from ..report.contract import FILE_NAME as REPORT_FILE
 from ..runtime.tensor_file import MODEL_FILE
+from .fingerprint import differing_setting
 from .folder import CONFIG
 
 # How earlier releases read: settings in `data` that their runs do not state, as they had none.
@@ -100,6 +101,31 @@ def run_settings(run: Path | str) -> FitConfig:
     stated = read_yaml(path).get("data") or {}
     earlier = {key: value for key, value in EARLIER_READING.items() if key not in stated}
     return replace(settings, data=replace(settings.data, **earlier))
+
+
+def check_finished(run: Path | str, source: Path | str, config: FitConfig) -> None:
+    """Checks that a finished run is the one that a command asks for, as far as the run can tell.
+
+    Args:
+        run: the finished run.
+        source: the input of the command; its folder does not count, as both may have been moved.
+        config: the settings of the command.
+
+    Raises:
+        ConfigError: the run has another input or other settings.
+    """
+    try:
+        named, settings = _named_input(run), run_settings(run)
+    except (ConfigError, OutputError):  # of another release
+        return
+    found = differing_setting(settings, config)
+    if named is not None and Path(named).name != Path(source).absolute().name:
+        found = f"the input {named}, not {source}"
+    if found is not None:
+        raise ConfigError(
+            f"the finished run {run} has {found}; expected the same; choose another name, or "
+            f"remove it to fit anew."
+        )
 
 
 def has_input(run: Path | str) -> bool:

@@ -1,7 +1,10 @@
-"""Files in the place of those that are wanted: archives of other programs, pointers, web pages."""
+"""What lies in the place of a file that is wanted: nothing, a device, an archive, a web page."""
 
 from __future__ import annotations
 
+import errno
+import os
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +35,7 @@ WEB_PAGE = Foreign(
     "a web page, as of a download that asks something first",
     "download the file again in a browser",
 )
+EMPTY = Foreign("an empty file, of 0 bytes", "copy or download it again")
 TAR = Foreign("a tar archive", f"{UNPACKING} by `tar -xf` and give the folder")
 # Kinds by their first bytes.
 KINDS: tuple[tuple[bytes, Foreign], ...] = (
@@ -54,11 +58,33 @@ KINDS: tuple[tuple[bytes, Foreign], ...] = (
 
 def foreign_kind(head: bytes) -> Foreign | None:
     """The kind of a file that starts with these bytes; None if it is none of these."""
+    if not head:
+        return EMPTY
     start = head.lstrip().lower()  # as of web pages; no other kind begins with a blank
     for magic, kind in KINDS:
         if head.startswith(magic) or start.startswith(magic):
             return kind
     return TAR if head[TAR_PLACE:].startswith(TAR_WORD) else None
+
+
+def absence(path: Path | str) -> str | None:
+    """Why there is neither a file nor a folder, in words that fit behind a path; None if there is.
+
+    Pipes are none: they cannot be read twice, and an open one may wait for ever.
+    """
+    try:
+        mode = os.stat(path).st_mode
+    except OSError as error:
+        if os.path.islink(path) and error.errno in (errno.ENOENT, errno.ELOOP):
+            return f"is a link to {os.readlink(path)}, where nothing lies"
+        if error.errno in (errno.ENOENT, errno.ENOTDIR):
+            return "does not exist"
+        return f"cannot be reached ({error.strerror})"
+    except ValueError:  # a name that no file can have
+        return "does not exist"
+    if stat.S_ISREG(mode) or stat.S_ISDIR(mode):
+        return None
+    return "is neither a file nor a folder, but a pipe or a device"
 
 
 def foreign_file(path: Path) -> Foreign | None:

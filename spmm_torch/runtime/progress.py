@@ -149,7 +149,8 @@ class Stage:
         return text
 
     def _count(self, count: int | None) -> str:
-        return f"{count} {self.unit}".rstrip()
+        unit = self.unit.removesuffix("s") if count == 1 else self.unit
+        return f"{count} {unit}".rstrip()
 
 
 def duration(seconds: float) -> str:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..errors import OutputError
 from .atomic import is_text
-from .foreign import foreign_file
+from .foreign import absence, foreign_file
 
 FORMAT = "spmm_torch"
 # Versions that are read. A file has the first, which all programs know, unless it needs another.
@@ -63,11 +63,11 @@ def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor]
         OutputError: there is no file, or it is damaged or of another version.
     """
     path = Path(run)
-    if path.is_dir():
+    if absence(path) is None and path.is_dir():
         path = path / MODEL_FILE
-    if not path.is_file():
+    if (reason := absence(path)) is not None:
         raise OutputError(
-            f"{path} does not exist; expected a run folder made by spmm fit; check the path."
+            f"{path} {reason}; expected a run folder made by spmm fit; check the path."
         )
     try:
         tensors, metadata = _opened(path, device)

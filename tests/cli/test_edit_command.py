@@ -119,6 +119,8 @@ def test_every_example_runs(run: Path, tmp_path: Path, name: str) -> None:
         (["{run}", "fig6", "-o", "{run}"], "exists; expected a new name"),
         (["{run}", "{tmp}/x.yaml", "-o", "{tmp}/out"], "unknown edit glow; valid: intensity"),
         (["{run}", "fig6"], "spmm edit --help tells"),
+        (["{run}", "fig6", "--interactive"], "SCRIPT fig6 is given with --interactive"),
+        (["{run}", "{run}/model.safetensors", "-o", "{tmp}/out"], "edit script {run}"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -129,7 +131,8 @@ def test_bad_input_is_one_sentence(
     complaint: str,
 ) -> None:
     (tmp_path / "x.yaml").write_text("- glow: {}\n")
-    assert complaint in refused("edit", *[word.format(run=run, tmp=tmp_path) for word in words])
+    expected = complaint.format(run=run)
+    assert expected in refused("edit", *[word.format(run=run, tmp=tmp_path) for word in words])
     assert not (tmp_path / "out").exists()
     assert not list(tmp_path.glob(".*"))
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import inspect
 import os
 import subprocess
 import sys
 from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -55,6 +57,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["--what"], "error: the following arguments are required: COMMAND; spmm --help tells"),
         (["fit", "x"], "error: the following arguments are required: -o/--output; spmm fit --help"),
         (["cache", "show"], "error: argument action: invalid choice: 'show'"),
+        (["fit", "", "-o", "x"], "error: argument INPUT: '' is no name; expected that of a file"),
         (["cache", "list", "--what"], "error: unrecognized arguments: --what; spmm cache --help"),
     ],
 )
@@ -67,6 +70,14 @@ def test_malformed_lines_are_one_sentence(
     assert shown.err.startswith(complaint)
     assert shown.err.endswith("tells what is expected.\n")
     assert shown.err.count("\n") == 1
+
+
+def test_a_cache_that_is_none_or_empty(
+    tmp_path: Path, refused: Callable[..., str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "is no folder" in refused("cache", "clear", "--cache", tmp_path / "none")
+    assert main.main(["cache", "list", "--cache", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f"{tmp_path} keeps no BTF\n"
 
 
 def test_a_command_gets_its_options_and_its_lines_are_printed(
@@ -101,6 +112,18 @@ def test_how_a_command_ends(
     assert main.main(["cache", "list"]) == code
     shown = capsys.readouterr()
     assert (shown.out, shown.err) == ("", said)
+
+
+def test_a_file_that_the_system_refuses(
+    refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def run(_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", "/secret/wool.zip")
+
+    monkeypatch.setattr(cache, "run", run)
+    assert refused("cache", "list").startswith(
+        "/secret/wool.zip cannot be used (Permission denied)"
+    )
 
 
 def test_bugs_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:

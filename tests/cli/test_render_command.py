@@ -118,6 +118,10 @@ BAD = [
     (["--what"], "unrecognized arguments: --what"),
     (["-o", "x.jpg"], "expected .png or .exr"),
     (["--input", "none.zip"], "none.zip does not exist"),
+    (["--set", "data.gamma=1"], "--set tells how a BTF is read, and there is none"),
+    (["--turn", "camera"], "--turn camera is that of a turntable"),
+    (["--gamma", "2", "-o", "x.exr"], "--gamma is for .png and .gif"),
+    (["-o", ""], "argument -o/--output: '' is no name"),
 ]
 
 

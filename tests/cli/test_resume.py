@@ -200,6 +200,7 @@ def test_a_finished_run_is_only_named(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
+    refused: Callable[..., str],
 ) -> None:
     run = tmp_path / "run"
     assert (
@@ -210,6 +211,10 @@ def test_a_finished_run_is_only_named(
     assert main(["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]) == 0
     assert capsys.readouterr().out == first == f"{run / 'report.html'}\n"
     check_complete(run, unbroken)
+    error = refused("fit", source, "-o", run, *OPTIONS, "--resume", "--seed", "5")
+    assert error.startswith(f"the finished run {run} has seed = 0, not 5; ")
+    error = refused("fit", "another.npz", "-o", run, *OPTIONS, "--resume")
+    assert error.startswith(f"the finished run {run} has the input {source}, not another.npz; ")
 
 
 def full_disk(*_: object) -> None:

@@ -25,6 +25,8 @@ CASES = [
     (wording.seconds, 42.06, "42.1 s"),
     (wording.seconds, 185.0, "3 min 05 s"),
     (wording.ratio, 98.4, "1:98"),
+    (wording.times_smaller, 37.4, "37 times smaller"),
+    (wording.times_smaller, 0.4, "2.5 times larger"),
     (wording.ratio, 3.14159, "1:3.1"),
     (wording.short_seconds, 0.0844, "84.4 ms"),
     (wording.short_seconds, 42.06, "42.1 s"),

@@ -47,6 +47,13 @@ def test_plain_lines_come_at_most_every_interval() -> None:
     ]
 
 
+def test_one_of_a_kind_is_in_the_singular() -> None:
+    stream = io.StringIO()
+    with Progress(stream).stage("render", 1, "eye rays"):
+        pass
+    assert stream.getvalue().startswith("render: 1 eye ray\n")
+
+
 def test_a_short_stage_has_two_lines() -> None:
     stream, clock = io.StringIO(), Clock()
     run(Progress(stream, clock=clock), clock, seconds=0.01)

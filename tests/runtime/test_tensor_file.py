@@ -71,7 +71,7 @@ def bad_files() -> dict[str, tuple[bytes, str]]:
     return {
         "cut short": (good[:-3], "is damaged or no model"),
         "cut in the header": (good[:20], "is damaged or no model"),
-        "empty": (b"", "is damaged or no model"),
+        "empty": (b"", "is an empty file, of 0 bytes"),
         "text": (b"hello" * 100, "is damaged or no model"),
         "pickle": (pickle.dumps({"format": "spmm_torch"}), "is damaged or no model"),
         "foreign": (foreign, "is no spmm_torch model"),

@@ -7,10 +7,12 @@ never queue up.
 from __future__ import annotations
 
 import asyncio
+import webbrowser
 from collections.abc import Callable
 from dataclasses import fields
 from functools import wraps
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from ...errors import SPMMError
@@ -68,13 +70,19 @@ class EditorApp:
 
     def run(self, host: str, port: int, open_browser: bool) -> None:
         """Serves the page until the process is stopped."""
-        self.server.start(
-            host=host,
-            port=port,
-            open_browser=open_browser,
-            show_connection_info=False,
-            timeout=0,
-        )
+        if open_browser:
+            address = f"http://{host}:{port}/"
+            self.server.controller.on_server_ready.add(lambda **_: _show_in_browser(address))
+        try:
+            self.server.start(
+                host=host,
+                port=port,
+                open_browser=False,  # trame's way tells of an option that is none of ours
+                show_connection_info=False,
+                timeout=0,
+            )
+        finally:
+            self.changed.set()  # ends the picture that the process would wait for
 
     def render_anew(self) -> None:
         """Asks for pictures of what is there now."""
@@ -259,6 +267,11 @@ class EditorApp:
             "original_image": jpeg_uri(self.preview.original),
             "edited_image": jpeg_uri(codes),
         }
+
+
+def _show_in_browser(address: str) -> None:
+    """Opens the page in a browser, in a thread: browsers in a terminal end when they are closed."""
+    Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
 
 def _new_server(name: str) -> Any:

@@ -54,13 +54,17 @@ def address(run: Path, tmp_path: Path) -> Iterator[str]:
         stderr=subprocess.STDOUT,
         text=True,
     )
-    assert process.stdout is not None
-    found = re.search(r"http://localhost:\d+/", process.stdout.readline())
-    assert found is not None
-    yield found[0]
-    process.send_signal(signal.SIGINT)
-    rest, _ = process.communicate(timeout=PATIENCE)
-    assert "Traceback" not in rest
+    with process:  # waits for its end, whatever fails
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://localhost:\d+/", process.stdout.readline())
+            assert found is not None
+            yield found[0]
+            process.send_signal(signal.SIGINT)
+            rest, _ = process.communicate(timeout=PATIENCE)
+            assert "Traceback" not in rest
+        finally:
+            process.kill()
 
 
 @pytest.fixture
