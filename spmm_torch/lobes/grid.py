@@ -12,7 +12,7 @@ from ..geometry.directions import angular_spacing, half_vectors
 from ..geometry.neighbours import nearest
 from .batch import LobeBatch, decode, decoded, in_one_block, together
 from .jacobian import linearize
-from .ragged import Spans
+from .ragged import Grouped, Spans
 from .values import eval_models
 
 # Two lobes whose values correlate more than this count as the same lobe.
@@ -150,13 +150,22 @@ class DirectionGrid:
         found = self.linearized(model, coordinates)
         return found[:, :, 0], found[:, :, 1:]
 
-    def linearized(self, model: Tensor, coordinates: Tensor) -> Tensor:
-        """Values, then derivatives along all coordinates, in one tensor `[S, M, 1 + P, D]`."""
+    def linearized(
+        self, model: Tensor, coordinates: Tensor, grouped: Grouped | None = None
+    ) -> Tensor:
+        """Values, then derivatives along all coordinates, in one tensor `[S, M, 1 + P, D]`.
+
+        Args:
+            model: `[S, M]`.
+            coordinates: `[S, M, P]`.
+            grouped: the lobes by model, where that is known.
+        """
         scale = self.scale
         if scale is not None:
             scale = scale.view(self.view.shape[1], self.light.shape[2])
+        ends = self.horizon, scale, grouped
         found = linearize(
-            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view, self.horizon, scale
+            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view, *ends
         )
         return found.flatten(2).unflatten(0, model.shape)
 

@@ -21,7 +21,7 @@ from ..geometry.directions import frame_from_normal, normal_from_disk
 from ..runtime.memory import slices
 from .batch import COORDINATES, Scales
 from .cut import view_step, view_step_slope
-from .ragged import Spans, in_spans, spans_within
+from .ragged import Grouped, Spans, in_spans, spans_within
 from .recorded import record
 
 # Values of one tensor of a block. On a CPU few enough for the caches, and enough to hide the cost
@@ -38,6 +38,7 @@ def linearize(
     wo: Tensor,
     horizon: float = 0.0,
     scale: Tensor | None = None,
+    grouped: Grouped | None = None,
 ) -> Tensor:
     """Values of lobes and their Jacobian [WDR11 Eq. 3], one after the other.
 
@@ -47,13 +48,14 @@ def linearize(
         wi, wo: directions `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
         horizon: of the lobes, as in `LobeBatch`.
         scale: factor of all values of a pair, `[...]`; None: 1.
+        grouped: of `model`, where it is known; the host waits to know it.
 
     Returns:
         `[J, 1 + COORDINATES, ...]`: rho, then d rho / d coordinates, which is 0 along coordinates
         that a model does not have.
     """
     shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
-    order, spans = in_spans(model, len(REGISTRY))
+    order, spans = grouped or in_spans(model, len(REGISTRY))
     lobes = _Lobes.build(spans, coordinates.detach().index_select(0, order), wi, wo, horizon)
     angles = Angles.between(wi, wo)
     found = coordinates.new_empty(len(model), 1 + COORDINATES, *shape)

@@ -13,9 +13,11 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
+from ...brdf import REGISTRY
 from ...config.fit import SearchConfig
 from ...lobes.batch import COORDINATES, Feasible, LobeBatch, encode
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
+from ...lobes.ragged import Grouped, in_spans
 from ...runtime.memory import slices
 from ...runtime.progress import Advance
 from ...solvers.foba import select_foba
@@ -278,7 +280,7 @@ class CorrectiveSearch:
         return slices(rows, self._block)
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Lobes:
     """Lobes of given models as functions of their coordinates, for `refine_mixtures`.
 
@@ -287,11 +289,13 @@ class _Lobes:
     Attributes:
         grid, feasible: of the stage.
         model: `[S, M]`.
+        last: the rows that were linearized last, and their lobes by model.
     """
 
     grid: DirectionGrid
     feasible: Feasible
     model: Tensor
+    last: tuple[Tensor | None, Grouped | None] = (None, None)
 
     def values(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """rho `[s, M, D]`."""
@@ -299,7 +303,10 @@ class _Lobes:
 
     def linearized(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """rho and d rho / d coordinates, `[s, M, 1 + P, D]`."""
-        return self.grid.linearized(self.model[rows], coordinates)
+        model = self.model[rows]
+        if rows is not self.last[0]:
+            self.last = rows, in_spans(model.reshape(-1), len(REGISTRY))
+        return self.grid.linearized(model, coordinates, self.last[1])
 
     def project(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """The nearest feasible coordinates `[s, M, P]`."""
