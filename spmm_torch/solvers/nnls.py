@@ -265,18 +265,18 @@ def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
     for number in range(1, 1 + PIVOT_ROUNDS):
         point, failed = _solve_support(problems, passive, RIDGE)
         dual = _dual(problems, point)
-        swap = (passive & (point < -OPTIMALITY_TOLERANCE)) | (
-            problems.allowed & ~passive & (dual > OPTIMALITY_TOLERANCE)
-        )  # [B', J]
+        entering = problems.allowed & (dual > OPTIMALITY_TOLERANCE)  # [B', J]
+        swap = torch.where(passive, point < -OPTIMALITY_TOLERANCE, entering)
+        if rows.is_cuda and number % CUDA_ROUNDS:
+            passive = passive ^ swap  # stays as it is where a problem is solved
+            continue
         count = swap.sum(-1)
         weights[rows] = torch.where(failed[:, None], weights[rows], point.clamp_min(0))
         solved[rows] = (count == 0) & ~failed
         better = count < fewest
         patience = torch.where(better, PIVOT_PATIENCE, patience - 1)
         fewest = torch.minimum(fewest, count)
-        passive = passive ^ swap  # stays as it is where a problem is solved
-        if rows.is_cuda and number % CUDA_ROUNDS:
-            continue
+        passive = passive ^ swap
         still = (count > 0) | failed if rows.is_cuda else (count > 0) & ~failed & (patience > 0)
         keep = still.nonzero()[:, 0]
         problems, rows = problems.take(keep), rows[keep]

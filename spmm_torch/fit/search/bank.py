@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -32,6 +33,11 @@ class Bank:
     lobes: LobeBatch
     coordinates: Tensor
     atoms: Tensor
+
+    @cached_property
+    def by_model(self) -> list[tuple[int, Tensor]]:
+        """Every model: (index into `MODEL_NAMES`, indices `[N]` of its candidates)."""
+        return list(self.lobes.by_model())
 
     def joined(self, other: Bank) -> Bank:
         """The candidates of both banks."""

@@ -37,6 +37,9 @@ CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 22, 1 << 30
 # Samples on which lobes are exchanged, spread over all clusters, with many restarts each. If there
 # are more samples, a turn pays only while it takes this fraction of the error away.
 FEW_ROWS, LEAST_GAIN = 32, 0.03
+# Fraction of the samples that may creep on in a narrow valley, a few thousandths of their error a
+# step, when all others have converged.
+STRAGGLERS = 0.12
 # Least denominator: the energy of a black sample and the norm of an invisible lobe are 0.
 SMALLEST_NORMAL = torch.finfo(torch.float32).tiny
 
@@ -126,7 +129,8 @@ class CorrectiveSearch:
         after = self._add_best(before, rows)
         gain = before.loss - after.loss
         paid = gain > torch.maximum(self.config.min_gain * before.loss, SOLVED * self.energy[rows])
-        mixtures.put(rows[paid], after.take(torch.nonzero(paid).squeeze(1)))
+        better = torch.nonzero(paid).squeeze(1)
+        mixtures.put(rows[better], after.take(better))
         return paid & (after.loss > SOLVED * self.energy[rows])
 
     def _exchange(self, mixtures: Mixtures, rows: Tensor, turn: int) -> float:
@@ -220,7 +224,7 @@ class CorrectiveSearch:
         error = self._errors(mixtures, rows)  # [s, C, D]
         score = (self.bank.atoms @ error.flatten(0, 1).T).clamp(min=0.0).square()  # [A, s C]
         score = score.view(len(score), len(rows), -1).sum(2)  # [A, s]
-        leaders = [own[score[own].argmax(0)] for _, own in self.bank.lobes.by_model()]
+        leaders = [own[score[own].argmax(0)] for _, own in self.bank.by_model]
         best = torch.stack(leaders)  # [models, s]
         order = score.gather(0, best).argsort(dim=0, descending=True)
         best = best.gather(0, order)
@@ -261,6 +265,7 @@ class CorrectiveSearch:
             self.signals[rows],
             iterations=steps,
             tolerance=self.config.tolerance,
+            stragglers=STRAGGLERS,
             block=self._block,
         )
         self.counts.add_starts({Solver.VARPRO: result.status})
@@ -289,7 +294,7 @@ class _Lobes:
     Attributes:
         grid, feasible: of the stage.
         model: `[S, M]`.
-        last: the rows that were linearized last, and their lobes by model.
+        last: the rows that were evaluated last, and their lobes by model.
     """
 
     grid: DirectionGrid
@@ -299,16 +304,19 @@ class _Lobes:
 
     def values(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """rho `[s, M, D]`."""
-        return self.grid.values(self.model[rows], coordinates)
+        return self.grid.values(self.model[rows], coordinates, self._grouped(rows))
 
     def linearized(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """rho and d rho / d coordinates, `[s, M, 1 + P, D]`."""
-        model = self.model[rows]
-        if rows is not self.last[0]:
-            self.last = rows, in_spans(model.reshape(-1), len(REGISTRY))
-        return self.grid.linearized(model, coordinates, self.last[1])
+        return self.grid.linearized(self.model[rows], coordinates, self._grouped(rows))
 
     def project(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """The nearest feasible coordinates `[s, M, P]`."""
         model = self.model[rows].reshape(-1)
         return self.feasible.project(model, coordinates.flatten(0, 1)).view_as(coordinates)
+
+    def _grouped(self, rows: Tensor) -> Grouped | None:
+        """The lobes of the mixtures `rows [s]` by model; the host waits to know it anew."""
+        if rows is not self.last[0]:
+            self.last = rows, in_spans(self.model[rows].reshape(-1), len(REGISTRY))
+        return self.last[1]
