@@ -212,16 +212,13 @@ def _assemble(block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None
     rho.mul_(lobes.end_o if scale is None else lobes.end_o * scale)
     slope_i = _sum(slopes.cos_theta_i, lobes.slope_i)
     slope_o = _sum(slopes.cos_theta_o, lobes.slope_o)
-    for column in range(TURNS if tangents else TURNS - 1):
-        wi, wo = lobes.moved(column)
-        tilts = column < TURNS - 1
-        terms = [slope_i * wi[2] + slope_o * wo[2]] if tilts else []
-        halves = enumerate(slopes.half[: 3 if tilts else 2])
-        terms += [(wi[axis] + wo[axis]).mul_(half) for axis, half in halves if half is not None]
-        total = terms[0]
-        for term in terms[1:]:
-            total = total.add_(term)
-        torch.mul(total, rho, out=block[:, 1 + column])
+    turns = slice(1, 1 + TURNS if tangents else TURNS)
+    wi, wo = lobes.wi[:, turns], lobes.wo[:, turns]  # [J, turns, 3, ...]
+    total = slope_i[:, None] * wi[:, :, 2] + slope_o[:, None] * wo[:, :, 2]
+    for axis, half in enumerate(slopes.half):
+        if half is not None:
+            total.add_((wi[:, :, axis] + wo[:, :, axis]).mul_(half[:, None]))
+    torch.mul(total, rho[:, None], out=block[:, turns])
     if not tangents:
         block[:, TURNS].zero_()
     for column in range(MAX_PARAMETERS):
