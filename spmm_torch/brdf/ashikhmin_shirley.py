@@ -19,7 +19,7 @@ from .base import (
     half_vector,
     schlick_fresnel,
 )
-from .slopes import LocalPairs, Slopes, is_above
+from .slopes import LocalPairs, Slopes
 from .visible import reflect_about_visible, unit_half_vector, visible_pdf
 
 # Squared sine of the half vector angle under which the azimuth does not matter.
@@ -73,30 +73,27 @@ class AshikhminShirley(BRDF):
         value = scale * lobe * schlick_fresnel(f0, cos_theta_d) / facing
         return value * above_horizon(wi, wo)
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        (n_x, n_y, f0), (x, y, z) = kappa, pairs.half
+        n, f0, planar = kappa[:, :2], kappa[:, 2], pairs.half[:, :2]  # n, planar: x and y
         (cos_theta_i, cos_theta_o), (fall_i, fall_o) = pairs.cosines, pairs.falls
-        log_cos_theta_h, x_squared, y_squared = pairs.log_cos_theta_h, x * x, y * y
-        inverse = (x_squared + y_squared).clamp_(min=PLANAR_EPS).reciprocal_()
-        x_share, y_share = x_squared.mul_(inverse), y_squared.mul_(inverse)
-        exponent = (n_x * x_share).addcmul_(n_y, y_share)
-        fresnel = pairs.angles.fresnel(f0)
-        scale = torch.sqrt((n_x + 1.0) * (n_y + 1.0)) / (8.0 * math.pi)
+        log_cos_theta_h, share = pairs.log_cos_theta_h, planar.square()
+        inverse = (share[:, 0] + share[:, 1]).clamp_(min=PLANAR_EPS).reciprocal_()
+        share.mul_(inverse[:, None])
+        exponent = (n[:, 0] * share[:, 0]).addcmul_(n[:, 1], share[:, 1])
+        fresnel, above = pairs.angles.fresnel(f0), n + 1.0
+        scale = torch.sqrt(above[:, 0] * above[:, 1]) / (8.0 * math.pi)
         facing = torch.maximum(cos_theta_i, cos_theta_o).mul_(pairs.angles.cos_theta_d)
         value = exp_of_negative(exponent * log_cos_theta_h).mul_(fresnel).div_(facing)
-        of_i = is_above(cos_theta_i, cos_theta_o)
         turn = inverse.mul_(log_cos_theta_h).mul_(2.0)
+        along_n = share.mul_(log_cos_theta_h[:, None]).add_(0.5 / above)
+        along_planar = (turn[:, None] * planar).mul_(n - exponent[:, None])
         return Slopes(
             value.mul_(scale),
-            (
-                x_share.mul_(log_cos_theta_h).add_(0.5 / (n_x + 1.0)),
-                y_share.mul_(log_cos_theta_h).add_(0.5 / (n_y + 1.0)),
-                (1.0 - pairs.angles.grazing) / fresnel,
-            ),
-            of_i * fall_i,
-            (1.0 - of_i) * fall_o,
-            (turn * x * (n_x - exponent), turn * y * (n_y - exponent), exponent / z),
+            (*along_n.unbind(1), pairs.angles.direct / fresnel),
+            pairs.of_wi * fall_i,
+            (1.0 - pairs.of_wi) * fall_o,
+            (along_planar[:, 0], along_planar[:, 1], exponent / pairs.half[:, 2]),
         )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

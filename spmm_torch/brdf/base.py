@@ -135,8 +135,8 @@ class BRDF(ABC):
         components, `wi[..., 2]`, and their shape, and in no other way.
         """
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes | None:
-        """f_r and its logarithmic derivatives, of P parameters `[J, ...]` at local pairs.
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes | None:
+        """f_r and its logarithmic derivatives, of parameters `kappa [J, P, ...]` at local pairs.
 
         For speed alone: without them, None, derivatives are recorded.
         """

@@ -59,17 +59,18 @@ class BlinnPhong(BRDF):
         scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (torch.exp2(-0.5 * n) + n))
         return scale * exp_of_negative(n * log_cos_theta_h) * above_horizon(wi, wo)
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        (n,), log_cos_theta_h = kappa, pairs.log_cos_theta_h
+        (n,), log_cos_theta_h = kappa.unbind(1), pairs.log_cos_theta_h
         fall = torch.exp2(-0.5 * n)
-        scale = (n + 2.0) * (n + 4.0) / (8.0 * math.pi * (fall + n))
-        growth = 1.0 / (n + 2.0) + 1.0 / (n + 4.0)
-        growth = growth - (1.0 - 0.5 * math.log(2.0) * fall) / (fall + n)
+        two, four, below = n + 2.0, n + 4.0, fall + n
+        scale = two * four / (8.0 * math.pi * below)
+        growth = two.reciprocal() + four.reciprocal()
+        growth = growth - (1.0 - 0.5 * math.log(2.0) * fall) / below
         return Slopes(
             exp_of_negative(n * log_cos_theta_h).mul_(scale),
             (growth + log_cos_theta_h,),
-            half=(None, None, n / pairs.half[2]),
+            half=(None, None, n / pairs.half[:, 2]),
         )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

@@ -69,25 +69,25 @@ class CookTorrance(BRDF):
         value = scale / cos_theta_o * beckmann * fresnel * groove.clamp(max=1.0)
         return value * above_horizon(wi, wo)
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        (alpha, f0), (x, y, z) = kappa, pairs.half
+        (alpha, f0), z = kappa.unbind(1), pairs.half[:, 2]
         (cos_theta_i, cos_theta_o), (fall_i, fall_o) = pairs.cosines, pairs.falls
-        inverse, of_alpha = z.reciprocal(), 1.0 / (alpha * alpha)
+        inverse, of_alpha = z.reciprocal(), (alpha * alpha).reciprocal()
         squared = inverse * inverse
-        spread = (x * x).addcmul_(y, y).mul_(squared).mul_(of_alpha)  # tan^2 / alpha^2
+        spread = (pairs.planar_squared * squared).mul_(of_alpha)  # tan^2 / alpha^2
         sec_squared = squared.mul_(pairs.angles.length_squared)
         fresnel = pairs.angles.fresnel(f0)
         groove = z * torch.minimum(cos_theta_i, cos_theta_o)
-        groove.mul_(4.0 / pairs.angles.length_squared)
-        shadowed = is_above(groove.neg(), -1.0)
+        groove.mul_(pairs.angles.groove)
+        shadowed = (1.0 - groove).sign_().clamp_(min=0.0)
         value = exp_of_negative(-spread).mul_(sec_squared).mul_(sec_squared).mul_(fresnel)
         value.mul_(groove.clamp_(max=1.0)).mul_(0.25 * INV_PI * of_alpha / cos_theta_i)
         by_i = is_above(cos_theta_o, cos_theta_i).mul_(shadowed)
         along_z = (2.0 * of_alpha * sec_squared).sub_(4.0).add_(shadowed).mul_(inverse)
         return Slopes(
             value.div_(cos_theta_o),
-            ((spread - 1.0).mul_(2.0 / alpha), (1.0 - pairs.angles.grazing) / fresnel),
+            ((spread - 1.0).mul_(2.0 / alpha), pairs.angles.direct / fresnel),
             (1.0 - by_i) * fall_i,
             (1.0 - shadowed).add_(by_i).mul_(fall_o),
             (None, None, along_z),

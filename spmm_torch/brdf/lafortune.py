@@ -58,25 +58,25 @@ class Lafortune(BRDF):
         lit = above_horizon(wi, wo) * (base - BASE_EPS).detach().sign().clamp(min=0.0)
         return (n + 2.0) / (2.0 * math.pi) * lobe * lit
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        (c_xy, n), cosine = kappa, pairs.angles.cosine
-        z_i, z_o = pairs.wi[..., 2], pairs.wo[..., 2]
-        scale = 1.0 / c_xy.abs().clamp(min=1.0)
-        upright = (1.0 - c_xy) * scale
-        planar = torch.addcmul(cosine, z_i, z_o, value=-1.0)
-        base = torch.addcmul(c_xy * scale * cosine, upright * z_i, z_o)
+        c_xy, n = kappa.unbind(1)
+        z_i, z_o, size = pairs.wi[:, 2], pairs.wo[:, 2], c_xy.abs()
+        scale = size.clamp(min=1.0).reciprocal_()
+        upright, more = (1.0 - c_xy) * scale, n + 2.0
+        upright_i = upright * z_i
+        base = torch.addcmul(c_xy * scale * pairs.angles.cosine, upright_i, z_o)
         lit = is_above(base, BASE_EPS)
         base.clamp_(min=BASE_EPS)
         log_base = torch.log(base)
-        value = exp_of_negative(n * log_base).mul_(lit).mul_((n + 2.0) / (2.0 * math.pi))
+        value = exp_of_negative(n * log_base).mul_(lit).mul_(more / (2.0 * math.pi))
         rise = n / base
-        beyond = (c_xy.abs() > 1.0) * c_xy.sign() * n * scale  # d log of the divisor
+        beyond = (size > 1.0) * c_xy.sign() * n * scale  # d log of the divisor
         return Slopes(
             value,
-            ((planar * scale).mul_(rise).sub_(beyond), 1.0 / (n + 2.0) + log_base),
+            ((pairs.planar_cosine * scale).mul_(rise).sub_(beyond), more.reciprocal() + log_base),
             rise * (upright * z_o),
-            rise * (upright * z_i),
+            rise * upright_i,
         )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

@@ -29,9 +29,10 @@ class Lambertian(BRDF):
         shape = torch.broadcast_shapes(kappa.shape[:-1], lit.shape)
         return (INV_PI * lit).expand(shape)
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        return Slopes(torch.full_like(pairs.wi[..., 2] + pairs.wo[..., 2], INV_PI))
+        shape = torch.broadcast_shapes(pairs.wi[:, 2].shape, pairs.wo[:, 2].shape)
+        return Slopes(pairs.wi.new_full(shape, INV_PI))
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By the cosine; see `BRDF.sample`."""

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import BRDF, INV_PI, Parameter, above_horizon, guarded_cosines
-from .slopes import LocalPairs, Slopes, is_above
+from .slopes import LocalPairs, Slopes
 
 
 class OrenNayar(BRDF):
@@ -48,26 +48,26 @@ class OrenNayar(BRDF):
         swing = planar.clamp(min=0.0) / torch.maximum(cos_theta_i, cos_theta_o)
         return INV_PI * (a + b * swing) * above_horizon(wi, wo)
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        (sigma,), (cos_theta_i, cos_theta_o) = kappa, pairs.cosines
+        (sigma,), (cos_theta_i, cos_theta_o) = kappa.unbind(1), pairs.cosines
         sigma_squared = sigma * sigma
-        near, far = 1.0 / (sigma_squared + 0.33), 1.0 / (sigma_squared + 0.09)
+        near, far = (sigma_squared + 0.33).reciprocal(), (sigma_squared + 0.09).reciprocal()
         a, b = 1.0 - 0.5 * sigma_squared * near, 0.45 * sigma_squared * far
         larger = torch.maximum(cos_theta_i, cos_theta_o)
-        z_i, z_o = pairs.wi[..., 2], pairs.wo[..., 2]
-        planar = torch.addcmul(pairs.angles.cosine, z_i, z_o, value=-1.0).clamp_(min=0.0)
+        z_i, z_o = pairs.wi[:, 2], pairs.wo[:, 2]
+        planar = pairs.planar_cosine.clamp(min=0.0)
         inside = planar.sign()
         swing = planar.div_(larger)
         value = torch.addcmul(a, b, swing)
-        share = b / (value * larger)
-        of_i = is_above(cos_theta_i, cos_theta_o).mul_(swing)
+        share = (b / (value * larger)).neg_()
+        of_i = pairs.of_wi * swing
         rise = sigma * (0.09 * 0.9 * far * far * swing - 0.33 * near * near)
         return Slopes(
             value * INV_PI,
             (rise / value,),
-            -share * torch.addcmul(of_i, inside, z_o),
-            -share * torch.addcmul(swing - of_i, inside, z_i),
+            share * torch.addcmul(of_i, inside, z_o),
+            share * torch.addcmul(swing - of_i, inside, z_i),
         )
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

@@ -12,7 +12,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from .base import COS_EPS, Vectors, guarded_cosines
+from .base import COS_EPS
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,16 @@ class Angles:
         grazing = (1.0 - cos_theta_d).clamp(min=0.0) ** 5
         return cls((wi * wo).sum(-1), length_squared, cos_theta_d, grazing)
 
+    @cached_property
+    def direct(self) -> Tensor:
+        """1 - `grazing`, `[1, ...]`: d F / d f0 of Schlick's Fresnel term F."""
+        return 1.0 - self.grazing
+
+    @cached_property
+    def groove(self) -> Tensor:
+        """4 / |wi + wo|^2, `[1, ...]`, of the V-groove term."""
+        return 4.0 / self.length_squared
+
     def fresnel(self, f0: Tensor) -> Tensor:
         """Schlick's Fresnel term with `f0 [...]` at normal incidence, see `schlick_fresnel`."""
         return f0 + (1.0 - f0) * self.grazing
@@ -46,34 +56,53 @@ class Angles:
 
 @dataclass(frozen=True)
 class LocalPairs:
-    """Pairs of directions in the frames of J lobes.
+    """Pairs of directions in the frames of J lobes, and what several models ask of them.
 
     Attributes:
-        wi, wo: `[J, ..., 3]`, which broadcast.
+        wi, wo: `[J, 3, ...]`, which broadcast.
         angles: between them.
     """
 
-    wi: Vectors
-    wo: Vectors
+    wi: Tensor
+    wo: Tensor
     angles: Angles
 
     def __getitem__(self, rows: slice) -> LocalPairs:
-        """The pairs of some lobes; what is known of the half vectors is kept."""
-        wi, wo = (Vectors(tuple(part[rows] for part in w.parts)) for w in (self.wi, self.wo))
-        some = LocalPairs(wi, wo, self.angles)
-        some.__dict__["half"] = tuple(part[rows] for part in self.half)
+        """The pairs of some lobes, of which everything is known once it is for all lobes."""
+        some = LocalPairs(self.wi[rows], self.wo[rows], self.angles)
+        for name in ("half", "planar_squared", "planar_cosine", "log_cos_theta_h", "of_wi"):
+            some.__dict__[name] = getattr(self, name)[rows]
+        for name in ("cosines", "falls"):
+            some.__dict__[name] = tuple(part[rows] for part in getattr(self, name))
         return some
 
     @cached_property
-    def half(self) -> tuple[Tensor, Tensor, Tensor]:
-        """Components `[J, ...]` of wi + wo; z is at least COS_EPS, for opposite ones."""
-        x, y, z = (self.wi[..., axis] + self.wo[..., axis] for axis in range(3))
-        return x, y, z.clamp_(min=COS_EPS)
+    def half(self) -> Tensor:
+        """wi + wo `[J, 3, ...]`; z is at least COS_EPS, for opposite ones."""
+        half = self.wi + self.wo
+        half[:, 2].clamp_(min=COS_EPS)
+        return half
+
+    @cached_property
+    def planar_squared(self) -> Tensor:
+        """Squared length `[J, ...]` of the projection of wi + wo on the surface."""
+        x, y = self.half[:, 0], self.half[:, 1]
+        return (x * x).addcmul_(y, y)
+
+    @cached_property
+    def planar_cosine(self) -> Tensor:
+        """Product `[J, ...]` of the projections of wi and of wo on the surface."""
+        return torch.addcmul(self.angles.cosine, self.wi[:, 2], self.wo[:, 2], value=-1.0)
 
     @cached_property
     def cosines(self) -> tuple[Tensor, Tensor]:
         """(cos_theta_i, cos_theta_o) `[J, ...]` as by `guarded_cosines`."""
-        return guarded_cosines(self.wi, self.wo)  # pyright: ignore[reportArgumentType]
+        return self.wi[:, 2].clamp(min=COS_EPS), self.wo[:, 2].clamp(min=COS_EPS)
+
+    @cached_property
+    def of_wi(self) -> Tensor:
+        """1 where cos_theta_i is above cos_theta_o, else 0, `[J, ...]`."""
+        return is_above(*self.cosines)
 
     @cached_property
     def falls(self) -> tuple[Tensor, Tensor]:
@@ -84,8 +113,8 @@ class LocalPairs:
     @cached_property
     def log_cos_theta_h(self) -> Tensor:
         """log of the cosine of the half vector, `[J, ...]`; d along its z is 1 / z."""
-        x, y, z = self.half
-        return torch.log1p((x * x).addcmul_(y, y).div_(z * z)).mul_(-0.5)
+        z = self.half[:, 2]
+        return (self.planar_squared / (z * z)).log1p_().mul_(-0.5)
 
 
 @dataclass(frozen=True)

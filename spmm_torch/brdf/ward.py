@@ -58,24 +58,19 @@ class Ward(BRDF):
         lobe = exp_of_negative(-slope) * scale * self._foreshortening(cos_theta_i)
         return lobe * above_horizon(wi, wo)
 
-    def slopes(self, kappa: tuple[Tensor, ...], pairs: LocalPairs) -> Slopes:
+    def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        (alpha_x, alpha_y), (x, y, z) = kappa, pairs.half
-        inverse = z.square().reciprocal_()
-        x_slope, y_slope = (x / (alpha_x * alpha_x)).mul_(inverse), (y / alpha_y**2).mul_(inverse)
-        x_part, y_part = x * x_slope, y * y_slope
-        slope = x_part + y_part
+        alpha, planar, z = kappa[:, :2], pairs.half[:, :2], pairs.half[:, 2]  # x and y
+        slope_xy = (planar / (alpha * alpha)).mul_(z.square().reciprocal_()[:, None])
+        part = planar * slope_xy
+        slope = part[:, 0] + part[:, 1]
         cos_theta_i, cos_theta_o = pairs.cosines
-        ends = self._foreshortening(cos_theta_o) / (4.0 * math.pi * alpha_x * alpha_y)
+        ends = self._foreshortening(cos_theta_o) / (4.0 * math.pi * alpha[:, 0] * alpha[:, 1])
         value = exp_of_negative(-slope).mul_(ends).mul_(self._foreshortening(cos_theta_i))
         fall_i, fall_o = (self.foreshortening * fall for fall in pairs.falls)
-        return Slopes(
-            value,
-            ((2.0 * x_part).sub_(1.0).div_(alpha_x), (2.0 * y_part).sub_(1.0).div_(alpha_y)),
-            fall_i,
-            fall_o,
-            (-2.0 * x_slope, -2.0 * y_slope, 2.0 * slope.div_(z)),
-        )
+        along_alpha, slope_xy = part.mul_(2.0).sub_(1.0).div_(alpha), slope_xy.mul_(-2.0)
+        half = slope_xy[:, 0], slope_xy[:, 1], slope.div_(z).mul_(2.0)
+        return Slopes(value, along_alpha.unbind(1), fall_i, fall_o, half)
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:
         """By visible half vectors of Gaussian slopes [Walter 2005]; see `BRDF.sample`."""

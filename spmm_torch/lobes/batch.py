@@ -21,7 +21,7 @@ from ..geometry.directions import (
     normal_from_disk,
     project_disk,
 )
-from .ragged import Spans, groups, in_spans
+from .ragged import Grouped, Spans, groups, in_spans
 from .values import eval_model, eval_models
 
 # Values of one block of lobes: few enough for the cache of a CPU core, enough to fill a GPU.
@@ -166,22 +166,24 @@ def in_one_block(tensor: Tensor, values: int) -> bool:
     return tensor.is_cuda and not torch.is_grad_enabled() and 0 < values <= CUDA_BLOCK
 
 
-def together(model: Tensor, values: Callable[[Spans, Tensor], Tensor]) -> Tensor:
+def together(
+    model: Tensor, values: Callable[[Spans, Tensor], Tensor], grouped: Grouped | None = None
+) -> Tensor:
     """Values `[J, ...]` of lobes of all models in one block, which has far fewer operations.
 
     Args:
         model: of the lobes, `[J]`.
         values: function of where each model lies among the sorted lobes, and of their order `[J]`;
             it gives the values in that order.
+        grouped: of `model`, where it is known; the host waits to know it.
     """
-    order, spans = in_spans(model, len(REGISTRY))
+    order, spans = grouped or in_spans(model, len(REGISTRY))
     return values(spans, order).index_select(0, torch.argsort(order))
 
 
 def anisotropic_mask(model: Tensor) -> Tensor:
     """True for each lobe of `model [J]` whose BRDF has a tangent."""
-    table = torch.tensor([brdf.anisotropic for brdf in REGISTRY], device=model.device)
-    return table[model]
+    return _scales(type(model), model.device, torch.float32)[:, -1][model] > 0.0
 
 
 def decode(model: Tensor, coordinates: Tensor, horizon: float = 0.0) -> LobeBatch:
@@ -226,15 +228,14 @@ class Scales:
     """The scales of the parameters of J lobes, so that lobes of all models share operations.
 
     Attributes:
-        low, growth: of `low exp(growth unit)` where `log` is 1, else of `low + growth unit`,
-            `[J, MAX_PARAMETERS]`.
-        log: `[J, MAX_PARAMETERS]`.
+        low, rate, step: of `low exp(rate unit) + step unit`, `[J, MAX_PARAMETERS]`; rate is 0 on
+            a linear scale, step on a logarithmic one.
         turn: 1 for lobes that have a tangent, else 0, `[J]`.
     """
 
     low: Tensor
-    growth: Tensor
-    log: Tensor
+    rate: Tensor
+    step: Tensor
     turn: Tensor
 
     @classmethod
@@ -246,33 +247,32 @@ class Scales:
             if spans
             else table[:0]
         )
-        low, growth, log = rows[:, :-1].unflatten(1, (3, MAX_PARAMETERS)).unbind(1)
-        return cls(low, growth, log, rows[:, -1])
+        low, rate, step = rows[:, :-1].unflatten(1, (3, MAX_PARAMETERS)).unbind(1)
+        return cls(low, rate, step, rows[:, -1])
 
     def values(self, unit: Tensor) -> Tensor:
         """Parameters in their own units at `unit [J, MAX_PARAMETERS]`, as `Parameter.from_unit`."""
-        ratio = torch.exp(unit * self.growth * self.log)
-        return self.low * ratio + (1.0 - self.log) * self.growth * unit
+        return self.low * torch.exp(unit * self.rate) + self.step * unit
 
     def slopes(self, kappa: Tensor) -> Tensor:
         """d kappa / d unit at parameters `kappa [J, MAX_PARAMETERS]`."""
-        return self.growth * torch.where(self.log > 0.0, kappa, 1.0)
+        return self.rate * kappa + self.step
 
 
 @cache
 def _scales(kind: type[Tensor], device: torch.device, dtype: torch.dtype) -> Tensor:
-    """Rows of `Scales` for all models, `[models, 3 MAX_PARAMETERS + 1]`: low, growth, log, turn.
+    """Rows of `Scales` for all models, `[models, 3 MAX_PARAMETERS + 1]`: low, rate, step, turn.
 
     A simulated device has tensors of a `kind` of their own.
     """
     rows = []
     for brdf in REGISTRY:
-        logs = [row.scale == "log" for row in brdf.parameters]
-        pairs = list(zip(brdf.parameters, logs, strict=True))
-        growth = [math.log(row.high / row.low) if log else row.high - row.low for row, log in pairs]
+        pairs = [(row, row.scale == "log") for row in brdf.parameters]
+        rate = [math.log(row.high / row.low) if log else 0.0 for row, log in pairs]
+        step = [0.0 if log else row.high - row.low for row, log in pairs]
         padding = [0.0] * (MAX_PARAMETERS - len(pairs))
         low = [row.low for row in brdf.parameters]
-        own = [*low, *padding, *growth, *padding, *map(float, logs), *padding]
+        own = [*low, *padding, *rate, *padding, *step, *padding]
         rows.append([*own, float(brdf.anisotropic)])
     return torch.tensor(rows, dtype=dtype, device=device)
 
@@ -341,7 +341,7 @@ class Feasible:
         """The nearest feasible coordinates `[J, COORDINATES]` of lobes of `model [J]`."""
         low = self.low.to(coordinates)[model]
         high = self.high.to(coordinates)[model]
-        unit = torch.minimum(torch.maximum(coordinates[:, 3:], low), high)
+        unit = coordinates[:, 3:].clamp(low, high)
         if self.gap is not None:
             start, end = self.gap.to(coordinates)[:, model]
             nearest = torch.where(unit - start < end - unit, start, end)

@@ -9,6 +9,9 @@ from torch import Tensor
 
 from ..geometry.grazing import grazing_fade
 
+# Least place on the step for its logarithmic derivative: below it the step is 0 but for rounding.
+LEAST_STEP = 1e-12
+
 
 def view_step(cosine: Tensor, horizon: float) -> Tensor:
     """Factor of a lobe for views near its own horizon: a smooth step from 0 to 1 `[...]`.
@@ -29,10 +32,8 @@ def view_step_slope(cosine: Tensor, horizon: float) -> Tensor:
     """Logarithmic derivative `[...]` of `view_step`; finite where the step is 0."""
     if horizon == 0.0:
         return torch.zeros_like(cosine)
-    t = cosine / math.sin(horizon)
-    rising = ((t > 0.0) & (t < 1.0)).to(t.dtype)
-    t = t.clamp(min=torch.finfo(t.dtype).tiny, max=1.0)
-    return rising * 6.0 * (1.0 - t) / (t * (3.0 - 2.0 * t)) / math.sin(horizon)
+    t = (cosine / math.sin(horizon)).clamp(LEAST_STEP, 1.0)
+    return 6.0 * (1.0 - t) / (t * (3.0 - 2.0 * t)) / math.sin(horizon)
 
 
 def lit_cosine(cosine: Tensor, upright: Tensor, of_texel: Tensor, lowest: float) -> Tensor:

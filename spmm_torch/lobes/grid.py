@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -11,8 +12,8 @@ from torch import Tensor
 from ..geometry.directions import angular_spacing, half_vectors
 from ..geometry.neighbours import nearest
 from .batch import LobeBatch, decode, decoded, in_one_block, together
-from .jacobian import linearize
-from .ragged import Spans
+from .jacobian import Directions, linearize
+from .ragged import Grouped, Spans
 from .values import eval_models
 
 # Two lobes whose values correlate more than this count as the same lobe.
@@ -76,6 +77,11 @@ class DirectionGrid:
             self, light=self.light[:, :, pairs], view=self.view[:, :, pairs], scale=scale
         )
 
+    @cached_property
+    def _directions(self) -> Directions:
+        """The pairs, with what is the same of them for all lobes."""
+        return Directions(self.light, self.view)
+
     @property
     def unscaled(self) -> DirectionGrid:
         """The same pairs without their weights."""
@@ -132,8 +138,14 @@ class DirectionGrid:
         view = self.view[0, :, 0][torch.div(pairs, lights, rounding_mode="floor")]
         return light, view
 
-    def values(self, model: Tensor, coordinates: Tensor) -> Tensor:
-        """Values `[S, M, D]` of lobes `model [S, M]` at search `coordinates [S, M, P]`."""
+    def values(self, model: Tensor, coordinates: Tensor, grouped: Grouped | None = None) -> Tensor:
+        """Values `[S, M, D]` of lobes.
+
+        Args:
+            model: `[S, M]`.
+            coordinates: of the search, `[S, M, P]`.
+            grouped: the lobes by model, where that is known.
+        """
         flat, place = model.reshape(-1), coordinates.flatten(0, 1)
 
         def sorted_values(spans: Spans, order: Tensor) -> Tensor:
@@ -141,7 +153,7 @@ class DirectionGrid:
             return eval_models(spans, *parts, self.light, self.view, self.horizon)
 
         if in_one_block(place, len(flat) * self.pair_count):
-            values = together(flat, sorted_values).flatten(1)
+            values = together(flat, sorted_values, grouped).flatten(1)
             return self.scaled(values).unflatten(0, model.shape)
         return self.eval(self.decode(flat, place)).unflatten(0, model.shape)
 
@@ -150,14 +162,21 @@ class DirectionGrid:
         found = self.linearized(model, coordinates)
         return found[:, :, 0], found[:, :, 1:]
 
-    def linearized(self, model: Tensor, coordinates: Tensor) -> Tensor:
-        """Values, then derivatives along all coordinates, in one tensor `[S, M, 1 + P, D]`."""
+    def linearized(
+        self, model: Tensor, coordinates: Tensor, grouped: Grouped | None = None
+    ) -> Tensor:
+        """Values, then derivatives along all coordinates, in one tensor `[S, M, 1 + P, D]`.
+
+        Args:
+            model: `[S, M]`.
+            coordinates: `[S, M, P]`.
+            grouped: the lobes by model, where that is known.
+        """
         scale = self.scale
         if scale is not None:
             scale = scale.view(self.view.shape[1], self.light.shape[2])
-        found = linearize(
-            model.reshape(-1), coordinates.flatten(0, 1), self.light, self.view, self.horizon, scale
-        )
+        at = model.reshape(-1), coordinates.flatten(0, 1), self._directions
+        found = linearize(*at, self.horizon, scale, grouped)
         return found.flatten(2).unflatten(0, model.shape)
 
 

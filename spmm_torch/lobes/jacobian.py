@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import torch
@@ -21,7 +22,7 @@ from ..geometry.directions import frame_from_normal, normal_from_disk
 from ..runtime.memory import slices
 from .batch import COORDINATES, Scales
 from .cut import view_step, view_step_slope
-from .ragged import Spans, in_spans, spans_within
+from .ragged import Grouped, Spans, in_spans, spans_within
 from .recorded import record
 
 # Values of one tensor of a block. On a CPU few enough for the caches, and enough to hide the cost
@@ -31,35 +32,76 @@ CPU_BLOCK_VALUES, CUDA_BLOCK_VALUES = 1 << 16, 1 << 24
 TURNS = 3
 
 
+@dataclass(frozen=True)
+class Directions:
+    """Pairs of directions, and what is the same of them for all lobes.
+
+    Attributes:
+        wi, wo: `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
+    """
+
+    wi: Tensor
+    wo: Tensor
+
+    @property
+    def shape(self) -> torch.Size:
+        """That of values of a lobe at all pairs."""
+        return torch.broadcast_shapes(self.wi.shape[1:-1], self.wo.shape[1:-1])
+
+    @cached_property
+    def angles(self) -> Angles:
+        """The angles between them."""
+        return Angles.between(self.wi, self.wo)
+
+    @cached_property
+    def lit(self) -> tuple[Tensor, Tensor]:
+        """1 where wi and where wo is above the horizon of the texel, else 0, `[1, ...]` each."""
+        above = [(w[..., 2] > 0.0).to(w.dtype) for w in (self.wi, self.wo)]
+        return above[0], above[1]
+
+    @cached_property
+    def components(self) -> tuple[Tensor, Tensor, Tensor]:
+        """x, y and z of all wi, then of all wo, `[1, 1, 1, N]` each."""
+        both = torch.cat((self.wi.flatten(0, -2), self.wo.flatten(0, -2)))
+        x, y, z = both.T.contiguous()[:, None, None, None].unbind()
+        return x, y, z
+
+    def split(self, values: Tensor) -> tuple[Tensor, Tensor]:
+        """Values `[..., N]` of all directions as those of wi and of wo, `[..., *middle]` each."""
+        shapes = self.wi.shape[1:-1], self.wo.shape[1:-1]
+        of_wi, of_wo = values.split([shape.numel() for shape in shapes], dim=-1)
+        return of_wi.unflatten(-1, shapes[0]), of_wo.unflatten(-1, shapes[1])
+
+
 def linearize(
     model: Tensor,
     coordinates: Tensor,
-    wi: Tensor,
-    wo: Tensor,
+    directions: Directions,
     horizon: float = 0.0,
     scale: Tensor | None = None,
+    grouped: Grouped | None = None,
 ) -> Tensor:
     """Values of lobes and their Jacobian [WDR11 Eq. 3], one after the other.
 
     Args:
         model: `[J]`.
         coordinates: search coordinates `[J, COORDINATES]`.
-        wi, wo: directions `[1, ..., 3]`, broadcast as in `LobeBatch.eval`.
+        directions: at which lobes are seen.
         horizon: of the lobes, as in `LobeBatch`.
         scale: factor of all values of a pair, `[...]`; None: 1.
+        grouped: of `model`, where it is known; the host waits to know it.
 
     Returns:
         `[J, 1 + COORDINATES, ...]`: rho, then d rho / d coordinates, which is 0 along coordinates
         that a model does not have.
     """
-    shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
-    order, spans = in_spans(model, len(REGISTRY))
-    lobes = _Lobes.build(spans, coordinates.detach().index_select(0, order), wi, wo, horizon)
-    angles = Angles.between(wi, wo)
+    order, spans = grouped or in_spans(model, len(REGISTRY))
+    lobes = _Lobes.build(spans, coordinates.detach().index_select(0, order), directions, horizon)
+    shape = directions.shape
     found = coordinates.new_empty(len(model), 1 + COORDINATES, *shape)
     for part, own in _blocks(spans, len(model), shape.numel(), coordinates.is_cuda):
         block = coordinates.new_empty(part.stop - part.start, 1 + COORDINATES, *shape)
-        _fill(block, own, lobes[part], angles, scale)
+        _fill(block, own, lobes[part], directions.angles, scale)
         found.index_copy_(0, order[part], block)
     return found
 
@@ -102,28 +144,27 @@ class _Lobes:
 
     @classmethod
     def build(
-        cls, spans: Spans, coordinates: Tensor, wi: Tensor, wo: Tensor, horizon: float
+        cls, spans: Spans, coordinates: Tensor, directions: Directions, horizon: float
     ) -> _Lobes:
-        """Lobes at search `coordinates [J, COORDINATES]` that see the directions `[1, ..., 3]`."""
+        """Lobes at search `coordinates [J, COORDINATES]` that see the directions."""
         table = Scales.of(spans, coordinates)
         kappa, normal = table.values(coordinates[:, TURNS:]), normal_from_disk(coordinates[:, :2])
-        angle = coordinates[:, 2] * table.turn
-        frame = frame_from_normal(normal, angle)
+        frame = frame_from_normal(normal, coordinates[:, 2] * table.turn)
         spins = _spins(table.turn, coordinates, frame)  # [J, TURNS, 3]
         turned = torch.linalg.cross(spins[..., None], frame[:, None], dim=2)  # [J, TURNS, 3, 3]
         frames = torch.cat((frame[:, None], turned), dim=1)
-        local_i, local_o = _seen(frames, wi), _seen(frames, wo)
+        local_i, local_o = directions.split(_seen(frames, directions))
         z_i, z_o = local_i[:, 0, 2], local_o[:, 0, 2]
-        tiny = torch.finfo(z_i.dtype).tiny
-        middle = (1,) * (wi.ndim - 2)
+        (lit_i, lit_o), middle = directions.lit, (1,) * len(directions.shape)
+        height = z_i.clamp(min=0.0)
         return cls(
             kappa.view(*kappa.shape, *middle),
             table.slopes(kappa).view(*kappa.shape, *middle),
             local_i,
             local_o,
-            z_i.clamp(min=0.0) * (wi[..., 2] > 0.0),
-            view_step(z_o, horizon) * (wo[..., 2] > 0.0),
-            (z_i > 0.0) / z_i.clamp(min=tiny),
+            height * lit_i,
+            view_step(z_o, horizon) * lit_o,
+            height.sign() / z_i.clamp(min=torch.finfo(z_i.dtype).tiny),
             view_step_slope(z_o, horizon),
         )
 
@@ -132,8 +173,7 @@ class _Lobes:
 
     def pairs(self, angles: Angles) -> LocalPairs:
         """All pairs of directions in the frames of the lobes."""
-        wi, wo = (Vectors(tuple(w[:, 0].unbind(1))) for w in (self.wi, self.wo))
-        return LocalPairs(wi, wo, angles)
+        return LocalPairs(self.wi[:, 0], self.wo[:, 0], angles)
 
     def moved(self, column: int) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
         """Derivatives of the components of wi and of wo along a coordinate, three `[J, ...]` each.
@@ -149,7 +189,7 @@ def _fill(block: Tensor, spans: Spans, lobes: _Lobes, angles: Angles, scale: Ten
     alone = len(spans) == 1
     slopes = [
         REGISTRY[model].slopes(
-            _parameters(model, lobes.kappa[rows]), pairs if alone else pairs[rows]
+            lobes.kappa[rows, : len(REGISTRY[model].parameters)], pairs if alone else pairs[rows]
         )
         for model, rows in spans
     ]
@@ -172,16 +212,13 @@ def _assemble(block: Tensor, slopes: Slopes, lobes: _Lobes, scale: Tensor | None
     rho.mul_(lobes.end_o if scale is None else lobes.end_o * scale)
     slope_i = _sum(slopes.cos_theta_i, lobes.slope_i)
     slope_o = _sum(slopes.cos_theta_o, lobes.slope_o)
-    for column in range(TURNS if tangents else TURNS - 1):
-        wi, wo = lobes.moved(column)
-        tilts = column < TURNS - 1
-        terms = [slope_i * wi[2] + slope_o * wo[2]] if tilts else []
-        halves = enumerate(slopes.half[: 3 if tilts else 2])
-        terms += [(wi[axis] + wo[axis]).mul_(half) for axis, half in halves if half is not None]
-        total = terms[0]
-        for term in terms[1:]:
-            total = total.add_(term)
-        torch.mul(total, rho, out=block[:, 1 + column])
+    turns = slice(1, 1 + TURNS if tangents else TURNS)
+    wi, wo = lobes.wi[:, turns], lobes.wo[:, turns]  # [J, turns, 3, ...]
+    total = slope_i[:, None] * wi[:, :, 2] + slope_o[:, None] * wo[:, :, 2]
+    for axis, half in enumerate(slopes.half):
+        if half is not None:
+            total.add_((wi[:, :, axis] + wo[:, :, axis]).mul_(half[:, None]))
+    torch.mul(total, rho[:, None], out=block[:, turns])
     if not tangents:
         block[:, TURNS].zero_()
     for column in range(MAX_PARAMETERS):
@@ -199,10 +236,9 @@ def _sum(a: Tensor | None, b: Tensor) -> Tensor:
 
 def _assemble_recorded(block: Tensor, model: int, lobes: _Lobes, scale: Tensor | None) -> None:
     """The same for a model that does not tell its slopes."""
-    parameters = _parameters(model, lobes.kappa)
-    found = record(
-        model, parameters, *(Vectors(tuple(w[:, 0].unbind(1))) for w in (lobes.wi, lobes.wo))
-    )
+    parameters = lobes.kappa[:, : len(REGISTRY[model].parameters)].unbind(1)
+    pairs = (Vectors(tuple(w[:, 0].unbind(1))) for w in (lobes.wi, lobes.wo))
+    found = record(model, parameters, *pairs)
     ends = lobes.end_i * (lobes.end_o if scale is None else lobes.end_o * scale)
     rho = block[:, 0]
     torch.mul(found.value, ends, out=rho)  # Eq. (3)
@@ -245,18 +281,13 @@ def _joined(parts: list[Slopes], spans: Spans, shape: torch.Size) -> Slopes:
     )
 
 
-def _parameters(model: int, kappa: Tensor) -> tuple[Tensor, ...]:
-    """The parameters `[J, 1, ...]` that a model has, of `kappa [J, P, 1, ...]`."""
-    return kappa[:, : len(REGISTRY[model].parameters)].unbind(1)
-
-
-def _seen(frames: Tensor, w: Tensor) -> Tensor:
-    """Local directions `[J, F, 3, ...]` of `w [1, ..., 3]`, for `frames [J, F, 3, 3]`.
+def _seen(frames: Tensor, directions: Directions) -> Tensor:
+    """Local directions `[J, F, 3, N]` of all wi and wo, for `frames [J, F, 3, 3]`.
 
     Written out, because matrix libraries are slow for products of 3 x 3 matrices.
     """
-    x, y, z = (part[:, None, None] for part in w.unbind(-1))  # [1, 1, 1, ...]
-    a, b, c = frames.view(*frames.shape, *(1,) * (w.ndim - 2)).unbind(3)  # [J, F, 3, 1, ...]
+    x, y, z = directions.components
+    a, b, c = frames[..., None].unbind(3)  # [J, F, 3, 1]
     return a * x + b * y + c * z
 
 
@@ -268,17 +299,16 @@ def _spins(turn: Tensor, coordinates: Tensor, frame: Tensor) -> Tensor:
     As n moves by dn, the shortest rotation from z to n turns about n by
     (n_x dn_y - n_y dn_x) / (1 + n_z).
     """
-    x, y = coordinates[:, 0], coordinates[:, 1]
-    normal = frame[:, 2]
-    stretch = torch.sqrt(2.0 - x * x - y * y)
-    mixed = -x * y / stretch
-    along_x = torch.stack((stretch - x * x / stretch, mixed, -2.0 * x), dim=1)
-    along_y = torch.stack((mixed, stretch - y * y / stretch, -2.0 * y), dim=1)
-    spins = []
-    for step in (along_x, along_y):  # d normal / d disk, [J, 3]
-        local = (frame @ step[..., None])[..., 0]
-        spin = (normal[:, 0] * step[:, 1] - normal[:, 1] * step[:, 0]) / (1.0 + normal[:, 2])
-        spins.append(torch.stack((local[:, 1], -local[:, 0], spin), dim=1))
-    about_normal = torch.zeros_like(normal)
-    about_normal[:, 2] = -turn
-    return torch.stack((*spins, about_normal), dim=1)
+    disk, normal = coordinates[:, :2], frame[:, 2]
+    squares = disk * disk
+    stretch = torch.sqrt(2.0 - squares[:, :1] - squares[:, 1:])  # [J, 1]
+    mixed = -disk[:, :1] * disk[:, 1:] / stretch
+    along, down = stretch - squares / stretch, -2.0 * disk  # [J, 2]
+    parts = along[:, :1], mixed, down[:, :1], mixed, along[:, 1:], down[:, 1:]
+    step = torch.cat(parts, dim=1).view(-1, 2, 3)  # d normal / d disk
+    local = step @ frame.transpose(1, 2)
+    planar = normal[:, None, :2] * step[..., :2].flip(-1)
+    spin = (planar[..., 0] - planar[..., 1]) / (1.0 + normal[:, 2:])  # [J, 2]
+    spins = torch.stack((local[..., 1], -local[..., 0], spin), dim=2)
+    about_normal = torch.nn.functional.pad(-turn[:, None, None], (2, 0))
+    return torch.cat((spins, about_normal), dim=1)

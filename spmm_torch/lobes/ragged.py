@@ -10,6 +10,8 @@ from torch import Tensor
 
 # Where the lists of each value lie: (value, its consecutive positions), ascending.
 Spans = list[tuple[int, slice]]
+# Positions `[N]` in the order of their values, and where each value lies among them.
+Grouped = tuple[Tensor, Spans]
 # NumPy sorts 16-bit numbers by counting: ten times faster on one core than torch on two.
 COUNTED = 1 << 16
 
@@ -40,7 +42,7 @@ def groups(key: Tensor, count: int) -> Iterator[tuple[int, Tensor]]:
     return ((value, rows) for value, rows in enumerate(positions) if len(rows))
 
 
-def in_spans(key: Tensor, count: int) -> tuple[Tensor, Spans]:
+def in_spans(key: Tensor, count: int) -> Grouped:
     """Positions `[N]` that sort `key [N]`, and where each value lies among them.
 
     Args:

@@ -41,6 +41,8 @@ PIVOT_ROUNDS = 12
 CUDA_ROUNDS = 3
 # float64 values in one block of Gram matrices (32 MiB): bounds the memory for any batch.
 BLOCK_ELEMENTS = 2**22
+# The same on a GPU (512 MiB), which is to solve 65,536 texels of three channels at once.
+CUDA_ELEMENTS = 2**26
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,10 @@ def nnls_shared_gram(
     gram = gram.double()
     if gram.is_cuda and 0 < gram.shape[-1] <= MOST_ATOMS:
         return NNLSResult(*nnls_by_supports(gram, rhs, allowed))
+    if gram.is_cuda:  # all channels alike: the host waits less
+        each = allowed[:, None]
+        likely = each if guess is None else guess
+        return nnls_gram(gram[:, None], rhs, allowed=each, guess=likely, block=CUDA_ELEMENTS)
     norm = gram.diagonal(dim1=-2, dim2=-1)  # [B, J]
     usable = allowed & (norm > 0)
     matrix = torch.where(usable[:, :, None] & usable[:, None, :], gram, 0.0)
@@ -265,18 +271,18 @@ def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
     for number in range(1, 1 + PIVOT_ROUNDS):
         point, failed = _solve_support(problems, passive, RIDGE)
         dual = _dual(problems, point)
-        swap = (passive & (point < -OPTIMALITY_TOLERANCE)) | (
-            problems.allowed & ~passive & (dual > OPTIMALITY_TOLERANCE)
-        )  # [B', J]
+        entering = problems.allowed & (dual > OPTIMALITY_TOLERANCE)  # [B', J]
+        swap = torch.where(passive, point < -OPTIMALITY_TOLERANCE, entering)
+        if rows.is_cuda and number % CUDA_ROUNDS:
+            passive = passive ^ swap  # stays as it is where a problem is solved
+            continue
         count = swap.sum(-1)
         weights[rows] = torch.where(failed[:, None], weights[rows], point.clamp_min(0))
         solved[rows] = (count == 0) & ~failed
         better = count < fewest
         patience = torch.where(better, PIVOT_PATIENCE, patience - 1)
         fewest = torch.minimum(fewest, count)
-        passive = passive ^ swap  # stays as it is where a problem is solved
-        if rows.is_cuda and number % CUDA_ROUNDS:
-            continue
+        passive = passive ^ swap
         still = (count > 0) | failed if rows.is_cuda else (count > 0) & ~failed & (patience > 0)
         keep = still.nonzero()[:, 0]
         problems, rows = problems.take(keep), rows[keep]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import torch
 from torch import Tensor
 
@@ -27,12 +29,10 @@ def nnls_by_supports(gram: Tensor, rhs: Tensor, allowed: Tensor) -> tuple[Tensor
     Returns:
         Weights `[B, C, J]`, and status `[B, C]` int8: CONVERGED or NOT_FINITE.
     """
-    atoms = torch.arange(gram.shape[-1], device=gram.device)
-    codes = torch.arange(1 << len(atoms), device=gram.device)
-    norm = gram.diagonal(dim1=-2, dim2=-1)  # [B, J]
+    atoms, norm = gram.shape[-1], gram.diagonal(dim1=-2, dim2=-1)  # [B, J]
     usable = allowed & (norm > 0)
-    member = ((codes[:, None] >> atoms) & 1).double() * usable[:, None]  # [B, N, J]
-    inverse = torch.where(usable, norm.clamp(min=torch.finfo(norm.dtype).tiny).rsqrt(), 0.0)
+    member = _supports(type(gram), atoms, gram.device) * usable[:, None]  # [B, N, J]
+    inverse = norm.clamp(min=torch.finfo(norm.dtype).tiny).rsqrt() * usable
     unit = gram * inverse[:, :, None] * inverse[:, None, :]
     matrix = unit[:, None] * member[..., None] * member[:, :, None]  # [B, N, J, J]
     matrix.diagonal(dim1=-2, dim2=-1).copy_(1.0 + RIDGE * member)
@@ -41,8 +41,18 @@ def nnls_by_supports(gram: Tensor, rhs: Tensor, allowed: Tensor) -> tuple[Tensor
     point = torch.cholesky_solve(target.transpose(2, 3), factor).transpose(2, 3)
     gain = (target * point).sum(-1)  # [B, N, C]
     gain = gain.masked_fill((point < 0).any(-1) | (info != 0)[..., None], -1.0)
-    best = gain.argmax(1, keepdim=True)[..., None].expand(-1, -1, -1, len(atoms))
+    best = gain.argmax(1, keepdim=True)[..., None].expand(-1, -1, -1, atoms)
     weights = point.gather(1, best).squeeze(1) * inverse[:, None]
-    finite = (rhs.sum(-1) + norm.sum(-1, keepdim=True)).isfinite()  # [B, C]
-    status = torch.where(finite, int(Status.CONVERGED), int(Status.NOT_FINITE)).to(STATUS_DTYPE)
-    return weights, status
+    total = rhs.sum(-1) + norm.sum(-1, keepdim=True)  # [B, C]
+    status = torch.full_like(total, int(Status.CONVERGED), dtype=STATUS_DTYPE)
+    return weights, status.masked_fill_((total - total) != 0.0, int(Status.NOT_FINITE))
+
+
+@cache
+def _supports(kind: type[Tensor], atoms: int, device: torch.device) -> Tensor:
+    """Members of every support of so many atoms, `[N, J]` float64.
+
+    A simulated device has tensors of a `kind` of their own.
+    """
+    codes = torch.arange(1 << atoms, device=device)[:, None]
+    return ((codes >> torch.arange(atoms, device=device)) & 1).double()

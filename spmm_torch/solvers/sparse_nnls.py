@@ -72,12 +72,13 @@ def sparse_nnls(
         return product if ridge is None else product + ridge[:, None] * vector
 
     inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]  # [N, 1]
+    conditions = Conditions.of(rhs, inverse)
     x, gradient = start, times(start) - rhs
     value = _value(x, gradient, rhs)  # [C]
     length = x.new_ones(x.shape[1])
     step, last, free = torch.zeros_like(x), gradient, torch.zeros_like(x).bool()
     squared = torch.zeros_like(length)  # length of the last gradient in the metric 1 / diagonal
-    open_ = violation(x, gradient, rhs, inverse) > tolerance  # [C]
+    open_ = conditions.violation(x, gradient) > tolerance  # [C]
     for number in range(steps):
         if (not x.is_cuda or number % CUDA_STEPS == 0) and not bool(open_.any()):
             break
@@ -100,27 +101,39 @@ def sparse_nnls(
         x, gradient = torch.where(better, moved, x), torch.where(better, changed, gradient)
         value = torch.where(better, found, value)
         length = torch.where(better, torch.ones_like(length), length * BACKTRACK)
-        open_ = (violation(x, gradient, rhs, inverse) > tolerance) & (length > SHORTEST)
-    left = violation(x, gradient, rhs, inverse) > tolerance
+        open_ = (conditions.violation(x, gradient) > tolerance) & (length > SHORTEST)
+    left = conditions.violation(x, gradient) > tolerance
     status = torch.where(left, Status.LIMIT, Status.CONVERGED).to(STATUS_DTYPE)
     finite = value.isfinite()
     return SparseNNLSResult(x, gradient, status.masked_fill(~finite, Status.NOT_FINITE))
 
 
-def violation(x: Tensor, gradient: Tensor, rhs: Tensor, inverse: Tensor) -> Tensor:
-    """Largest violation of the optimality conditions of each problem, `[C]`.
+@dataclass(frozen=True)
+class Conditions:
+    """The optimality conditions of C problems, min(x, G x - b) = 0 with unit atoms.
 
-    With unit atoms the conditions are min(x, G x - b) = 0; the value is relative to the largest b.
-
-    Args:
-        x, gradient, rhs: `[N, C]`.
-        inverse: of the diagonal of G, `[N, 1]`.
+    Attributes:
+        root: of the inverse of the diagonal of G, `[N, 1]`.
+        largest: the largest b, `[C]`.
     """
-    if not len(x):
-        return x.sum(0)
-    root = inverse.sqrt()
-    least = torch.where(inverse > 0.0, torch.minimum(x / root, root * gradient), 0.0)
-    return least.abs().amax(0) / (rhs * root).abs().amax(0).clamp(min=torch.finfo(x.dtype).tiny)
+
+    root: Tensor
+    largest: Tensor
+
+    @classmethod
+    def of(cls, rhs: Tensor, inverse: Tensor) -> Conditions:
+        """Those of right sides `rhs [N, C]`, given the inverse of the diagonal of G, `[N, 1]`."""
+        root = inverse.sqrt()
+        size = (rhs * root).abs()
+        largest = size.amax(0) if len(rhs) else size.sum(0)
+        return cls(root, largest.clamp(min=torch.finfo(rhs.dtype).tiny))
+
+    def violation(self, x: Tensor, gradient: Tensor) -> Tensor:
+        """Largest violation by `x [N, C]` of gradient G x - b `[N, C]`, `[C]`, relative to b."""
+        if not len(x):
+            return x.sum(0)
+        least = torch.minimum(x / self.root, self.root * gradient)
+        return torch.where(self.root > 0.0, least, 0.0).abs().amax(0) / self.largest
 
 
 def _value(x: Tensor, gradient: Tensor, rhs: Tensor) -> Tensor:

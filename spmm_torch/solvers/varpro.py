@@ -85,7 +85,7 @@ class _State:
 
     def moved(self, trial: _State, tolerance: float) -> _State:
         """The state after a trial, which is taken where it lowers the loss of one that runs."""
-        usable = torch.isfinite(self.gradient).all(1)
+        unusable = ((self.gradient - self.gradient) != 0.0).any(1)  # NaN or infinite
         gain = self.loss - trial.loss
         better = self.running & (gain > 0.0)  # False for NaN
         points = [
@@ -94,9 +94,9 @@ class _State:
         ]
         damping = torch.where(self.running, next_damping(self.damping, better), self.damping)
         settled = (gain >= 0.0) & (gain <= tolerance * self.loss)
-        ended = settled | (damping >= DAMPING_MAX) | ~usable
-        failed = self.failed | (self.running & ~usable)
-        return _State(*points, damping=damping, running=self.running & ~ended, failed=failed)
+        ended = settled | (damping >= DAMPING_MAX) | unusable
+        failed = self.failed | (self.running & unusable)
+        return _State(*points, damping=damping, running=self.running > ended, failed=failed)
 
     def _point(self) -> tuple[Tensor, ...]:
         return self.coordinates, self.weights, self.loss, self.gradient, self.hessian
@@ -112,6 +112,7 @@ def refine_mixtures(
     *,
     iterations: int,
     tolerance: float = 0.0,
+    stragglers: float = 0.0,
     block: int | None = None,
 ) -> VarProResult:
     """Refines the parameters of S mixtures of up to M basis functions each [GP73].
@@ -129,6 +130,8 @@ def refine_mixtures(
         iterations: most steps.
         tolerance: a mixture has converged when a step lowers its loss by no more than this
             fraction.
+        stragglers: fraction of the mixtures that may be left unconverged: no step is taken for
+            fewer than that, since it costs a device as many operations as one for all.
         block: mixtures that are evaluated at once; None: all.
 
     Returns:
@@ -144,7 +147,7 @@ def refine_mixtures(
             if len(kept) < len(rows):
                 state.put(rows, now)
                 now, rows = now.take(kept), rows[kept]
-            if not len(kept):
+            if len(kept) <= int(stragglers * len(start)):
                 break
         step = damped_step(now.hessian, now.gradient, now.damping).view_as(now.coordinates)
         trial = project(now.coordinates + step.to(start.dtype), rows)
@@ -237,17 +240,16 @@ def damped_step(hessian: Tensor, gradient: Tensor, damping: Tensor) -> Tensor:
     idle = diagonal <= floor  # padding, or a parameter without effect
     scale = (diagonal + floor).rsqrt()
     system = hessian * scale[:, :, None] * scale[:, None, :]
-    system = system + torch.diag_embed(damping[:, None] + RELATIVE_RIDGE + idle.double())
+    system.diagonal(dim1=1, dim2=2).add_(damping[:, None] + RELATIVE_RIDGE + idle)
     step, info = torch.linalg.solve_ex(system, -(gradient * scale)[..., None])
-    step = step.squeeze(-1) * scale * ~idle
-    usable = (info == 0)[:, None] & torch.isfinite(step)
-    return torch.where(usable, step, 0.0)
+    step = step.squeeze(-1) * scale * ((info == 0)[:, None] > idle)
+    return step.nan_to_num_(0.0, 0.0, 0.0)
 
 
 def next_damping(damping: Tensor, better: Tensor) -> Tensor:
     """The damping `[S]` after a trial, given whether it was `better [S]` [Mar63]."""
-    factor = torch.where(better, DAMPING_DOWN, DAMPING_UP)
-    return (damping * factor).clamp(DAMPING_MIN, DAMPING_MAX)
+    moved = torch.where(better, damping * DAMPING_DOWN, damping * DAMPING_UP)
+    return moved.clamp(DAMPING_MIN, DAMPING_MAX)
 
 
 def _projected_part(
@@ -263,10 +265,9 @@ def _projected_part(
         present: `[S, M]`.
     """
     passive = ((weights > 0.0) & present[:, None]).double()  # [S, C, M]
-    unit = torch.diag_embed(1.0 - passive)
-    ridge = RELATIVE_RIDGE * gram.diagonal(dim1=1, dim2=2).mean(1)[:, None, None, None]
-    eye = torch.eye(gram.shape[1], dtype=gram.dtype, device=gram.device)
-    masked = gram[:, None] * passive[..., :, None] * passive[..., None, :] + unit + ridge * eye
+    ridge = RELATIVE_RIDGE * gram.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
+    masked = gram[:, None] * passive[..., :, None] * passive[..., None, :]
+    masked.diagonal(dim1=2, dim2=3).add_(1.0 - passive).add_(ridge)
     weighted = passive[..., None] * cross[:, None] * repeated[:, :, None, :]  # [S, C, M, M P]
     factor, _ = torch.linalg.cholesky_ex(masked)
     white = torch.linalg.solve_triangular(factor, weighted, upper=False)

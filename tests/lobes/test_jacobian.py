@@ -8,7 +8,7 @@ from torch import Tensor
 
 from spmm_torch.brdf import MAX_PARAMETERS, MODEL_NAMES, REGISTRY
 from spmm_torch.lobes.batch import COORDINATES, decode
-from spmm_torch.lobes.jacobian import linearize
+from spmm_torch.lobes.jacobian import Directions, linearize
 from tests.lobes.test_batch import random_coordinates, random_pairs
 
 
@@ -24,7 +24,7 @@ def test_jacobian_equals_autograd_and_differences(index: int, horizon: float) ->
     model = torch.full((count,), index)
     coordinates = random_coordinates(count, seed=27)
     wi, wo = random_pairs(20, seed=28)
-    rho, slope = split(linearize(model, coordinates, wi, wo, horizon))
+    rho, slope = split(linearize(model, coordinates, Directions(wi, wo), horizon))
     assert slope.shape == (count, COORDINATES, 20)
 
     def lobes(x: Tensor) -> Tensor:
@@ -48,9 +48,9 @@ def test_jacobian_of_mixed_models_in_blocks(monkeypatch: pytest.MonkeyPatch) -> 
     model = torch.arange(24) % len(REGISTRY)
     coordinates = random_coordinates(24, seed=29)
     wi, wo = random_pairs(15, seed=30)
-    rho, slope = split(linearize(model, coordinates, wi, wo))
+    rho, slope = split(linearize(model, coordinates, Directions(wi, wo)))
     monkeypatch.setattr("spmm_torch.lobes.jacobian.CPU_BLOCK_VALUES", 100)
-    again, slope_again = split(linearize(model, coordinates, wi, wo))
+    again, slope_again = split(linearize(model, coordinates, Directions(wi, wo)))
     torch.testing.assert_close(again, rho)
     torch.testing.assert_close(slope_again, slope)
     for j, index in enumerate(model.tolist()):

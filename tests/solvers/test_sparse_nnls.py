@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 from torch import Tensor
 
 from spmm_torch.runtime.sparse import csr_matrix
-from spmm_torch.solvers.sparse_nnls import SparseNNLSResult, sparse_nnls, violation
+from spmm_torch.solvers.sparse_nnls import Conditions, SparseNNLSResult, sparse_nnls
 from spmm_torch.solvers.status import Status
 
 # Of values in float64: steps go down as long as the value tells, which is to its square root.
@@ -55,7 +55,7 @@ def kkt(design: Tensor, target: Tensor, weights: Tensor) -> Tensor:
     gram, rhs = design.T @ design, design.T @ target
     diagonal = gram.diagonal()
     inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]
-    return violation(weights, gram @ weights - rhs, rhs, inverse)
+    return Conditions.of(rhs, inverse).violation(weights, gram @ weights - rhs)
 
 
 @pytest.mark.parametrize("channels", [1, 3])

@@ -29,13 +29,14 @@ def smoothed_cost(cost: Tensor, repeats: bool, known: bool = False) -> Tensor:
         known: whether candidates lie around heights that are smooth already.
     """
     step, jump = (KNOWN_STEP, KNOWN_JUMP) if known else (STEP, JUMP)
-    total = torch.zeros_like(cost)
-    for axis in (1, 2):
-        along = cost if axis == 1 else cost.transpose(1, 2)
-        down, up = _paths(torch.stack((along, along.flip(1)), dim=1), repeats, step, jump)
-        both = down + up.flip(1)
-        total += both if axis == 1 else both.transpose(1, 2)
-    return total
+    sides = [cost, cost.transpose(1, 2)]
+    square = cost.shape[1] == cost.shape[2]
+    found = []
+    for some in [sides] if square else [[side] for side in sides]:  # all in one loop where it fits
+        ways = torch.stack([way for side in some for way in (side, side.flip(1))], dim=1)
+        paths = _paths(ways, repeats, step, jump)
+        found += [down + up.flip(1) for down, up in zip(paths[::2], paths[1::2], strict=True)]
+    return found[0] + found[1].transpose(1, 2)
 
 
 def _paths(cost: Tensor, repeats: bool, step: float, jump: float) -> Tensor:
@@ -46,8 +47,8 @@ def _paths(cost: Tensor, repeats: bool, step: float, jump: float) -> Tensor:
     wall = torch.full_like(path[:1], float("inf"))
     for row in range(start, rows):
         least = path.amin(0, keepdim=True)
-        above, below = torch.cat((path[1:], wall)), torch.cat((wall, path[:-1]))
-        near = torch.minimum(path, torch.minimum(above, below) + step)
+        walled = torch.cat((wall, path, wall))
+        near = torch.minimum(path, torch.minimum(walled[2:], walled[:-2]) + step)
         path = cost[:, :, row] + torch.minimum(near, least + jump) - least
         if row >= 0:
             kept.append(path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -32,6 +33,11 @@ class Bank:
     lobes: LobeBatch
     coordinates: Tensor
     atoms: Tensor
+
+    @cached_property
+    def by_model(self) -> list[tuple[int, Tensor]]:
+        """Every model: (index into `MODEL_NAMES`, indices `[N]` of its candidates)."""
+        return list(self.lobes.by_model())
 
     def joined(self, other: Bank) -> Bank:
         """The candidates of both banks."""
@@ -77,13 +83,13 @@ def narrow_bank(
 
 def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feasible) -> Bank:
     """Candidates of all `shapes` at each of `normals [N, 3]`, moved into the bounds."""
-    batches = []
+    batches, upward = [], normals.cpu()
     for name, rows in shapes.items():
         for shape in rows:
             kappa = torch.zeros(len(normals), MAX_PARAMETERS, dtype=normals.dtype)
             kappa[:, : len(shape)] = torch.tensor(shape, dtype=normals.dtype)
             model = torch.full((len(normals),), MODEL_NAMES.index(name))
-            batches.append(LobeBatch(model, kappa, normals.cpu(), kappa.new_zeros(len(normals))))
+            batches.append(LobeBatch(model, kappa, upward, kappa.new_zeros(len(normals))))
     lobes = LobeBatch.cat(batches).to(normals.device)
     coordinates = feasible.project(lobes.model, encode(lobes))
     lobes = grid.decode(lobes.model, coordinates)

@@ -6,7 +6,6 @@ NNLS and, by variable projection, all normals and parameters of its lobes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -16,13 +15,14 @@ from torch import Tensor
 from ...config.fit import SearchConfig
 from ...lobes.batch import COORDINATES, Feasible, LobeBatch, encode
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
-from ...runtime.memory import slices
 from ...runtime.progress import Advance
 from ...solvers.foba import select_foba
 from ...solvers.multistart import StartCounts, best_start
+from ...solvers.nnls import nnls_shared_gram
 from ...solvers.status import Solver
 from ...solvers.varpro import refine_mixtures
 from .bank import Bank
+from .functions import LobeFunctions
 from .mixtures import Mixtures
 
 # Relative error at which a sample is solved: 70 dB, the rounding of float32.
@@ -35,6 +35,9 @@ CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 22, 1 << 30
 # Samples on which lobes are exchanged, spread over all clusters, with many restarts each. If there
 # are more samples, a turn pays only while it takes this fraction of the error away.
 FEW_ROWS, LEAST_GAIN = 32, 0.03
+# Fraction of the samples that may creep on in a narrow valley, a few thousandths of their error a
+# step, when all others have converged.
+STRAGGLERS = 0.12
 # Least denominator: the energy of a black sample and the norm of an invisible lobe are 0.
 SMALLEST_NORMAL = torch.finfo(torch.float32).tiny
 
@@ -76,10 +79,11 @@ class CorrectiveSearch:
     def _grow(self, mixtures: Mixtures, advance: Advance) -> None:
         """Adds lobes to every sample until no further one pays."""
         growing = mixtures.loss > SOLVED * self.energy
-        for _ in range(self.config.max_lobes):
+        for number in range(self.config.max_lobes):
             rows = torch.nonzero(growing & ~mixtures.present.all(1)).squeeze(1)
             if len(rows):
-                growing[rows] = self._forward(mixtures, rows)
+                empty = number == 0 and not len(self.known)
+                growing[rows] = self._forward(mixtures, rows, empty)
             advance(len(growing))
 
     def _exchange_in_turns(self, mixtures: Mixtures, advance: Advance) -> None:
@@ -118,13 +122,18 @@ class CorrectiveSearch:
         """Indices `[s]` of the samples that are not solved."""
         return torch.nonzero(mixtures.loss > SOLVED * self.energy).squeeze(1)
 
-    def _forward(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
-        """Adds a lobe to samples `rows [s]`; True `[s]` where it paid and another may follow."""
+    def _forward(self, mixtures: Mixtures, rows: Tensor, empty: bool) -> Tensor:
+        """Adds a lobe to samples `rows [s]`; True `[s]` where it paid and another may follow.
+
+        It is known whether all mixtures are `empty`.
+        """
         before = mixtures.take(rows)
-        after = self._add_best(before, rows)
+        error = self.signals[rows] if empty else self._errors(before, rows)
+        after = self._add_best(before, rows, error)
         gain = before.loss - after.loss
         paid = gain > torch.maximum(self.config.min_gain * before.loss, SOLVED * self.energy[rows])
-        mixtures.put(rows[paid], after.take(torch.nonzero(paid).squeeze(1)))
+        better = torch.nonzero(paid).squeeze(1)
+        mixtures.put(rows[better], after.take(better))
         return paid & (after.loss > SOLVED * self.energy[rows])
 
     def _exchange(self, mixtures: Mixtures, rows: Tensor, turn: int) -> float:
@@ -136,13 +145,11 @@ class CorrectiveSearch:
         if not len(rows):
             return 0.0
         before = mixtures.take(rows)
-        energy = before.weights.square().sum(2) * self._squared_norms(before)  # [s, M]
-        order = torch.where(before.present, energy, torch.inf).argsort(1)
-        place = turn % before.present.sum(1).clamp(min=1)  # [s]
-        dropped = order.gather(1, place[:, None])  # [s, 1]
-        present = before.present.scatter(1, dropped, False)
+        places = torch.arange(len(rows), device=rows.device).split(self._block)
+        parts = [self._without_one(before.take(some), rows[some], turn) for some in places]
+        present, error = (torch.cat(column) for column in zip(*parts, strict=True))
         without = Mixtures(before.model, before.coordinates, present, before.weights, before.loss)
-        trial = self._add_best(self._refine(without, rows, 0), rows)
+        trial = self._add_best(without, rows, error)
         trial = self._refine(trial, rows, self.config.final_steps)
         better = torch.nonzero(trial.loss < before.loss).squeeze(1)
         mixtures.put(rows[better], trial.take(better))
@@ -188,20 +195,31 @@ class CorrectiveSearch:
         atoms = atoms / atoms.norm(dim=1, keepdim=True).clamp(min=SMALLEST_NORMAL)
         return lobes[distinct(atoms, SAME_LOBE)]
 
-    def _squared_norms(self, mixtures: Mixtures) -> Tensor:
-        """Squared norm of every lobe, `[S, M]`."""
-        parts = [
-            self.grid.values(mixtures.model[chunk], mixtures.coordinates[chunk]).square().sum(2)
-            for chunk in self._chunks(len(mixtures.loss))
-        ]
-        return torch.cat(parts)
+    def _without_one(self, mixtures: Mixtures, rows: Tensor, turn: int) -> tuple[Tensor, Tensor]:
+        """The mixtures of samples `rows [s]` without their weakest lobe, or that of a later `turn`.
 
-    def _add_best(self, mixtures: Mixtures, rows: Tensor) -> Mixtures:
-        """The mixtures of samples `rows [s]` with one more lobe, the best of several starts."""
+        Returns:
+            (lobes that stay `[s, M]` bool; signals minus these, with their best weights,
+            `[s, C, D]`).
+        """
+        rho, signals = self.grid.values(mixtures.model, mixtures.coordinates), self.signals[rows]
+        energy = mixtures.weights.square().sum(2) * rho.square().sum(2)  # [s, M]
+        order = torch.where(mixtures.present, energy, torch.inf).argsort(1)
+        place = turn % mixtures.present.sum(1).clamp(min=1)  # [s]
+        present = mixtures.present.scatter(1, order.gather(1, place[:, None]), False)
+        gram, correlation = rho @ rho.transpose(1, 2), signals @ rho.transpose(1, 2)
+        weights = nnls_shared_gram(gram.double(), correlation.double(), allowed=present).weights
+        return present, signals - weights.to(rho.dtype) @ rho
+
+    def _add_best(self, mixtures: Mixtures, rows: Tensor, error: Tensor) -> Mixtures:
+        """The mixtures of samples `rows [s]` with one more lobe, the best of several starts.
+
+        `error [s, C, D]` is what the mixtures leave of the signals.
+        """
         restarts = self.config.restarts
         if restarts is None:
             restarts = max(1, min(MAX_RESTARTS, BATCH_ROWS // len(rows)))
-        starts = self._starts(mixtures, rows, restarts)  # [R, s], indices into the bank
+        starts = self._starts(error, restarts)  # [R, s], indices into the bank
         slot = (~mixtures.present).to(torch.int8).argmax(1)  # the first free one, [s]
         trials = [self._with_lobe(mixtures, slot, start) for start in starts]
         columns = zip(*(trial.tensors() for trial in trials), strict=True)
@@ -210,15 +228,14 @@ class CorrectiveSearch:
         which = best_start(refined.loss.view(len(starts), -1))  # [s]
         return refined.take(which * len(rows) + torch.arange(len(rows), device=which.device))
 
-    def _starts(self, mixtures: Mixtures, rows: Tensor, count: int) -> Tensor:
-        """Bank lobes `[count, s]` that lower the remaining error most, the best one first.
+    def _starts(self, error: Tensor, count: int) -> Tensor:
+        """Bank lobes `[count, s]` that lower the error `[s, C, D]` most, the best one first.
 
         The best lobe of each model comes before any second one of a model.
         """
-        error = self._errors(mixtures, rows)  # [s, C, D]
         score = (self.bank.atoms @ error.flatten(0, 1).T).clamp(min=0.0).square()  # [A, s C]
-        score = score.view(len(score), len(rows), -1).sum(2)  # [A, s]
-        leaders = [own[score[own].argmax(0)] for _, own in self.bank.lobes.by_model()]
+        score = score.view(len(score), len(error), -1).sum(2)  # [A, s]
+        leaders = [own[score[own].argmax(0)] for _, own in self.bank.by_model]
         best = torch.stack(leaders)  # [models, s]
         order = score.gather(0, best).argsort(dim=0, descending=True)
         best = best.gather(0, order)
@@ -229,10 +246,8 @@ class CorrectiveSearch:
 
     def _errors(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
         """Signals `rows [s]` minus their mixtures, `[s, C, D]`."""
-        parts = []
-        for chunk in self._chunks(len(rows)):
-            some = mixtures.take(torch.arange(len(rows), device=rows.device)[chunk])
-            parts.append(self.signals[rows[chunk]] - some.values(self.grid))
+        places = torch.arange(len(rows), device=rows.device).split(self._block)
+        parts = [self.signals[rows[p]] - mixtures.take(p).values(self.grid) for p in places]
         return torch.cat(parts)
 
     def _with_lobe(self, mixtures: Mixtures, slot: Tensor, atom: Tensor) -> Mixtures:
@@ -249,7 +264,7 @@ class CorrectiveSearch:
         """Fits weights, and by `steps` steps coordinates, to the signals `rows [s]`."""
         slot = torch.arange(1, mixtures.present.shape[1] + 1, device=rows.device)
         used = max(1, int((mixtures.present * slot).max()))
-        lobes = _Lobes(self.grid, self.feasible, mixtures.model[:, :used])
+        lobes = LobeFunctions(self.grid, self.feasible, mixtures.model[:, :used])
         result = refine_mixtures(
             lobes.values,
             lobes.linearized,
@@ -259,6 +274,7 @@ class CorrectiveSearch:
             self.signals[rows],
             iterations=steps,
             tolerance=self.config.tolerance,
+            stragglers=STRAGGLERS,
             block=self._block,
         )
         self.counts.add_starts({Solver.VARPRO: result.status})
@@ -272,36 +288,3 @@ class CorrectiveSearch:
         budget = CUDA_JACOBIAN_VALUES if self.signals.is_cuda else CPU_JACOBIAN_VALUES
         values = self.config.max_lobes * (1 + COORDINATES) * self.grid.pair_count
         return max(1, budget // values)
-
-    def _chunks(self, rows: int) -> Iterator[slice]:
-        """Slices of samples whose Jacobian fits the memory."""
-        return slices(rows, self._block)
-
-
-@dataclass(frozen=True)
-class _Lobes:
-    """Lobes of given models as functions of their coordinates, for `refine_mixtures`.
-
-    Every method takes coordinates `[s, M, P]` of the mixtures `rows [s]`.
-
-    Attributes:
-        grid, feasible: of the stage.
-        model: `[S, M]`.
-    """
-
-    grid: DirectionGrid
-    feasible: Feasible
-    model: Tensor
-
-    def values(self, coordinates: Tensor, rows: Tensor) -> Tensor:
-        """rho `[s, M, D]`."""
-        return self.grid.values(self.model[rows], coordinates)
-
-    def linearized(self, coordinates: Tensor, rows: Tensor) -> Tensor:
-        """rho and d rho / d coordinates, `[s, M, 1 + P, D]`."""
-        return self.grid.linearized(self.model[rows], coordinates)
-
-    def project(self, coordinates: Tensor, rows: Tensor) -> Tensor:
-        """The nearest feasible coordinates `[s, M, P]`."""
-        model = self.model[rows].reshape(-1)
-        return self.feasible.project(model, coordinates.flatten(0, 1)).view_as(coordinates)

@@ -86,7 +86,7 @@ class MusicSearch:
         inside = (self.bank.atoms @ self.space.T).square().sum(1) - along
         score = (inside / (1.0 - along).clamp(min=LEAST_NORM)).clamp(max=1.0)
         chosen = []
-        for _, own in self.bank.lobes.by_model():
+        for _, own in self.bank.by_model:
             best = own[score[own].argsort(descending=True)[:CANDIDATES]]
             kept = distinct(self.bank.atoms[best], START_CORRELATION)[:STARTS]
             chosen.append(best[kept])
@@ -176,6 +176,6 @@ def _peaks(space: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible) -
     leverage = space.square().sum(0)  # [D]
     light, view = grid.at(leverage.topk(min(PEAKS, len(leverage))).indices)
     half = torch.nn.functional.normalize(light + view, dim=1)
-    used = {MODEL_NAMES[index] for index, _ in bank.lobes.by_model()}
+    used = {MODEL_NAMES[index] for index, _ in bank.by_model}
     shapes = {name: rows for name, rows in PEAK_SHAPES.items() if name in used}
     return bank_at(grid, shapes, half, feasible) if shapes else bank

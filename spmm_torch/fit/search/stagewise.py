@@ -210,7 +210,7 @@ class StagewiseSearch:
         best_model = signals.new_zeros(len(signals), dtype=torch.long)
         best_value = torch.full((len(signals),), -torch.inf, device=signals.device)
         best = torch.zeros(len(signals), COORDINATES, device=signals.device)
-        for index, own in self.bank.lobes.by_model():
+        for index, own in self.bank.by_model:
             start = self.bank.coordinates[own[score[own].argmax(0)]]  # [s C, P]
             model = torch.full_like(best_model, index)
             found = self._climb(model, start, rows, error)
