@@ -7,7 +7,7 @@ NNLS and, by variable projection, all normals and parameters of its lobes.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -23,6 +23,8 @@ from ...solvers.multistart import StartCounts, best_start
 from ...solvers.status import Solver
 from ...solvers.varpro import refine_mixtures
 from .bank import Bank
+from .exact import ExactErrors
+from .functions import LobeFunctions
 from .mixtures import Mixtures
 
 # Relative error at which a sample is solved: 70 dB, the rounding of float32.
@@ -48,6 +50,7 @@ class CorrectiveSearch:
         signals: `[S, C, D]`.
         known: lobes that are known beforehand, which every sample may use.
         counts: starts and selections by how they end.
+        exact: errors by which mixtures are judged; None: the squared ones.
     """
 
     grid: DirectionGrid
@@ -57,10 +60,13 @@ class CorrectiveSearch:
     signals: Tensor
     known: LobeBatch
     counts: StartCounts = field(default_factory=StartCounts)
+    exact: ExactErrors | None = None
 
     @cached_property
     def energy(self) -> Tensor:
-        """Squared norm of each sample, `[S]` float64."""
+        """Error of each sample without lobes, its squared norm where errors are, `[S]` float64."""
+        if self.exact is not None:
+            return self.exact.energy()
         return (self.signals * self.signals).sum((1, 2), dtype=torch.float64)
 
     def run(self, advance: Advance) -> Mixtures:
@@ -100,7 +106,9 @@ class CorrectiveSearch:
         """Refines all lobes of every unsolved sample."""
         rows = self._unsolved(mixtures)
         if len(rows):
-            mixtures.put(rows, self._refine(mixtures.take(rows), rows, self.config.final_steps))
+            before = mixtures.take(rows)
+            after = self._refine(before, rows, self.config.final_steps)
+            self._put_better(mixtures, rows, self._settle(after, rows))
 
     def _empty(self) -> Mixtures:
         """Mixtures of all samples without lobes."""
@@ -143,9 +151,8 @@ class CorrectiveSearch:
         present = before.present.scatter(1, dropped, False)
         without = Mixtures(before.model, before.coordinates, present, before.weights, before.loss)
         trial = self._add_best(self._refine(without, rows, 0), rows)
-        trial = self._refine(trial, rows, self.config.final_steps)
-        better = torch.nonzero(trial.loss < before.loss).squeeze(1)
-        mixtures.put(rows[better], trial.take(better))
+        trial = self._settle(self._refine(trial, rows, self.config.final_steps), rows)
+        self._put_better(mixtures, rows, trial)
         return float((1.0 - trial.loss / before.loss).clamp(min=0.0).mean())
 
     def _select_from_all(self, mixtures: Mixtures) -> None:
@@ -175,8 +182,19 @@ class CorrectiveSearch:
         start.coordinates[:] = coordinates[chosen.index.clamp(min=0)]
         start.present[:] = chosen.index >= 0
         trial = self._refine(start, rows, self.config.refine_steps)
+        self._put_better(mixtures, rows, self._settle(trial, rows))
+
+    def _put_better(self, mixtures: Mixtures, rows: Tensor, trial: Mixtures) -> None:
+        """Takes those mixtures of a trial for samples `rows [s]` that have a lower error."""
         better = torch.nonzero(trial.loss < mixtures.loss[rows]).squeeze(1)
         mixtures.put(rows[better], trial.take(better))
+
+    def _settle(self, mixtures: Mixtures, rows: Tensor) -> Mixtures:
+        """The mixtures of samples `rows [s]`, refined by the errors that judge them."""
+        if self.exact is None:
+            return mixtures
+        steps, tolerance = self.config.final_steps, self.config.tolerance
+        return self.exact.refined(mixtures, rows, self.feasible, steps, tolerance, self._block)
 
     def _pool(self, mixtures: Mixtures) -> LobeBatch:
         """Known lobes, then those of all samples, best fits first, of which no two are alike."""
@@ -232,8 +250,15 @@ class CorrectiveSearch:
         parts = []
         for chunk in self._chunks(len(rows)):
             some = mixtures.take(torch.arange(len(rows), device=rows.device)[chunk])
-            parts.append(self.signals[rows[chunk]] - some.values(self.grid))
-        return torch.cat(parts)
+            if self.exact is None:
+                parts.append(self.signals[rows[chunk]] - some.values(self.grid))
+            else:
+                parts.append(self.exact.downward(some, rows[chunk]))
+        error = torch.cat(parts)
+        scale = self.grid.scale
+        if self.exact is None or scale is None:
+            return error
+        return torch.where(scale > 0.0, error / scale.clamp(min=SMALLEST_NORMAL), 0.0)
 
     def _with_lobe(self, mixtures: Mixtures, slot: Tensor, atom: Tensor) -> Mixtures:
         """The mixtures with bank lobes `atom [s]` in `slot [s]`."""
@@ -249,7 +274,7 @@ class CorrectiveSearch:
         """Fits weights, and by `steps` steps coordinates, to the signals `rows [s]`."""
         slot = torch.arange(1, mixtures.present.shape[1] + 1, device=rows.device)
         used = max(1, int((mixtures.present * slot).max()))
-        lobes = _Lobes(self.grid, self.feasible, mixtures.model[:, :used])
+        lobes = LobeFunctions(self.grid, self.feasible, mixtures.model[:, :used])
         result = refine_mixtures(
             lobes.values,
             lobes.linearized,
@@ -264,7 +289,10 @@ class CorrectiveSearch:
         self.counts.add_starts({Solver.VARPRO: result.status})
         coordinates, weights = mixtures.coordinates.clone(), torch.zeros_like(mixtures.weights)
         coordinates[:, :used], weights[:, :used] = result.coordinates, result.weights
-        return Mixtures(mixtures.model, coordinates, mixtures.present, weights, result.loss)
+        found = Mixtures(mixtures.model, coordinates, mixtures.present, weights, result.loss)
+        if self.exact is None:
+            return found
+        return replace(found, loss=self.exact.loss(found, rows, self._block))
 
     @property
     def _block(self) -> int:
@@ -276,32 +304,3 @@ class CorrectiveSearch:
     def _chunks(self, rows: int) -> Iterator[slice]:
         """Slices of samples whose Jacobian fits the memory."""
         return slices(rows, self._block)
-
-
-@dataclass(frozen=True)
-class _Lobes:
-    """Lobes of given models as functions of their coordinates, for `refine_mixtures`.
-
-    Every method takes coordinates `[s, M, P]` of the mixtures `rows [s]`.
-
-    Attributes:
-        grid, feasible: of the stage.
-        model: `[S, M]`.
-    """
-
-    grid: DirectionGrid
-    feasible: Feasible
-    model: Tensor
-
-    def values(self, coordinates: Tensor, rows: Tensor) -> Tensor:
-        """rho `[s, M, D]`."""
-        return self.grid.values(self.model[rows], coordinates)
-
-    def linearized(self, coordinates: Tensor, rows: Tensor) -> Tensor:
-        """rho and d rho / d coordinates, `[s, M, 1 + P, D]`."""
-        return self.grid.linearized(self.model[rows], coordinates)
-
-    def project(self, coordinates: Tensor, rows: Tensor) -> Tensor:
-        """The nearest feasible coordinates `[s, M, P]`."""
-        model = self.model[rows].reshape(-1)
-        return self.feasible.project(model, coordinates.flatten(0, 1)).view_as(coordinates)

@@ -15,6 +15,7 @@ from ..glossy.centre import centred
 from ..glossy.energy import held_to_energy
 from ..problem import Problem
 from .bank import build_bank, narrow_bank
+from .exact import ExactErrors
 from .joint import FEW_ROWS, CorrectiveSearch
 from .mixtures import Mixtures
 from .music import music_lobes
@@ -83,7 +84,8 @@ def find_lobes(
     else:
         known = music_lobes(signals.flatten(0, 1), grid, bank, fine)
         bounds = fine if len(known) else feasible
-        finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
+        exact = _exact(problem, samples)
+        finder = CorrectiveSearch(grid, bank, bounds, search, signals, known, exact=exact)
     mixtures = finder.run(advance)
     if peak is None:
         used = _used(mixtures)
@@ -95,6 +97,15 @@ def find_lobes(
         weights = weights.view(*mixtures.weights.shape)
         lobes = held_to_energy(lobes, weights, peak, width)[_used(mixtures).flatten()]
     return _found(lobes, mixtures, samples.clusters, signals, finder.counts)
+
+
+def _exact(problem: Problem, samples: Samples) -> ExactErrors | None:
+    """Errors of samples in the measure of the objective; None where these are plain squares."""
+    pair = problem.weights.pair
+    if problem.compression is None or pair is None:
+        return None
+    values = problem.btf.signals(samples.texels, problem.device)
+    return ExactErrors.of(problem.grid(), problem.compression, values, pair)
 
 
 def _used(mixtures: Mixtures) -> Tensor:
