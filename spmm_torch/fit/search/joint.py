@@ -106,9 +106,11 @@ class CorrectiveSearch:
         """Refines all lobes of every unsolved sample."""
         rows = self._unsolved(mixtures)
         if len(rows):
-            before = mixtures.take(rows)
-            after = self._refine(before, rows, self.config.final_steps)
-            self._put_better(mixtures, rows, self._settle(after, rows))
+            after = self._refine(mixtures.take(rows), rows, self.config.final_steps)
+            if self.exact is None:
+                mixtures.put(rows, after)
+            else:
+                self._put_better(mixtures, rows, self._settle(after, rows))
 
     def _empty(self) -> Mixtures:
         """Mixtures of all samples without lobes."""
@@ -246,7 +248,10 @@ class CorrectiveSearch:
         return best[:count]
 
     def _errors(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
-        """Signals `rows [s]` minus their mixtures, `[s, C, D]`."""
+        """What is to be added to the mixtures of samples `rows [s]`, `[s, C, D]`.
+
+        That is the signals minus the mixtures, unless other errors count.
+        """
         parts = []
         for chunk in self._chunks(len(rows)):
             some = mixtures.take(torch.arange(len(rows), device=rows.device)[chunk])
@@ -254,11 +259,7 @@ class CorrectiveSearch:
                 parts.append(self.signals[rows[chunk]] - some.values(self.grid))
             else:
                 parts.append(self.exact.downward(some, rows[chunk]))
-        error = torch.cat(parts)
-        scale = self.grid.scale
-        if self.exact is None or scale is None:
-            return error
-        return torch.where(scale > 0.0, error / scale.clamp(min=SMALLEST_NORMAL), 0.0)
+        return torch.cat(parts)
 
     def _with_lobe(self, mixtures: Mixtures, slot: Tensor, atom: Tensor) -> Mixtures:
         """The mixtures with bank lobes `atom [s]` in `slot [s]`."""

@@ -37,7 +37,7 @@ LEAST_TYPICAL = 1e-3
 def compression(
     btf: BTF, objective: Objective, device: torch.device, ranks: Ranks = ALONE
 ) -> Compression | None:
-    """What an objective makes of values, by one pass over all values; None where it compresses none."""
+    """What an objective makes of values, by one pass over them; None where it takes them as are."""
     if not objective.compressed:
         return None
     size = mean_values(btf, device, ranks)  # [D]
