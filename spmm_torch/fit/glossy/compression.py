@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from ...data import BTF
@@ -27,6 +28,7 @@ class Compression:
         plain, seen: a and b.
         size: mean values of the pairs, at least 0, `[D]` float64.
         pair: factors q of the pairs, `[D]`; None: 1.
+        apart: whether texels are unrelated materials, so that values are in units of their own.
     """
 
     exponent: float
@@ -35,6 +37,7 @@ class Compression:
     seen: float
     size: Tensor
     pair: Tensor | None
+    apart: bool = False
 
     def curvature(self, values: Tensor) -> Tensor:
         """a + b g'^2 at values at least 0, `[...]`."""
@@ -48,9 +51,19 @@ class Compression:
         power = 1.0 - 0.5 * self.exponent
         return bright**power / power
 
+    def units(self, values: Tensor) -> Tensor:
+        """The units `[n, 1, 1]` in which values `[n, C, D]` of some texels count."""
+        return own_units(values) if self.apart else values.new_ones(len(values), 1, 1)
+
     def weights(self, btf: BTF) -> Weights:
         """The weights of squared errors."""
         pair = self.curvature(self.size)
         if self.pair is not None:
             pair = pair * self.pair
         return Weights.build(btf, pair.view(btf.pair_shape))
+
+
+def own_units(values: Tensor) -> Tensor:
+    """Root mean squares `[n, 1, 1]` of values `[n, C, D]`, 1 of black ones."""
+    size = values.double().square().mean((1, 2), keepdim=True).sqrt().to(values)
+    return torch.where(size > 0.0, size, 1.0)

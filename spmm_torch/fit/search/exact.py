@@ -8,6 +8,7 @@ are found by weighted squared errors, and kept where they lower the error that c
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 from torch import Tensor
@@ -125,7 +126,7 @@ class ExactErrors:
 
     def _total(self, values: Tensor, rows: Tensor) -> Tensor:
         """The errors `[s]` float64 of values `[s, C, D]`."""
-        own, told = self.compression, self.values[rows]
+        own, told, values = self.compression, *self._in_units(values, rows)
         error = own.seen * (own.compressed(values) - own.compressed(told)).square()
         if own.plain:
             error = error + own.plain * (values - told).square()
@@ -133,11 +134,22 @@ class ExactErrors:
 
     def _slopes(self, values: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
         """Half the gradient and half the curvature of the errors, `[s, C, D]`."""
-        own, told = self.compression, self.values[rows]
+        own, told, values = self.compression, *self._in_units(values, rows)
+        unit = self._unit[rows]
         slope = (values + own.dark) ** (-0.5 * own.exponent)
         seen = (own.compressed(values) - own.compressed(told)) * slope
         gradient = self.factor * (own.plain * (values - told) + own.seen * seen)
-        return gradient, self.factor * own.curvature(values)
+        return gradient / unit, self.factor * own.curvature(values) / unit.square()
+
+    def _in_units(self, values: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
+        """The samples `rows [s]`, and values of mixtures `[s, C, D]`, in the units that count."""
+        unit = self._unit[rows]
+        return self.values[rows] / unit, values / unit
+
+    @cached_property
+    def _unit(self) -> Tensor:
+        """Unit of each sample, `[S, 1, 1]`."""
+        return self.compression.units(self.values)
 
 
 def held(mixtures: Mixtures, grid: DirectionGrid, peak: Unresolved, resolved: float) -> LobeBatch:

@@ -174,10 +174,13 @@ def _in_parts(advance: Advance, parts: int) -> Advance:
 
 
 def _exact(scene: _Scene, samples: Samples) -> ExactErrors | None:
-    """Errors in the measure of the objective; None where these are plain squares."""
+    """Errors in the measure of the objective; None where squared ones have a part in it.
+
+    Weighted squared errors of resolved peaks hold what lies between samples better.
+    """
     problem = scene.problem
     compression, pair = problem.compression, problem.weights.pair
-    if compression is None or pair is None:
+    if compression is None or compression.plain > 0.0 or pair is None:
         return None
     values = problem.btf.signals(samples.texels, problem.device)
     resolved = problem.config.search.min_width * scene.grid.spacing

@@ -5,7 +5,8 @@ logarithm [SRRW21]: (g(y) - g(s))^2 ~ g'(y)^2 (y - s)^2 is a weighted squared er
 each value would give every texel a Gram matrix of its own. The weights are therefore separable: a
 pair has the weight g'^2 at its mean value over all texels and channels. This balances highlights
 against other pairs, but not bright texels against dark ones. Balanced errors are the sum of the
-relative squared errors of values and of their cube roots.
+relative squared errors of values and of their cube roots. Unrelated materials count in units of
+their own: else the brightest would rule what is relative for all.
 
 References:
     [LKYU12] Joakim Low, Joel Kronander, Anders Ynnerman, Jonas Unger, BRDF Models for Accurate and
@@ -25,7 +26,7 @@ from ...data.error_weights import Weights
 from ...data.pair_lists import PairedBTF
 from ...runtime.memory import slices
 from ...runtime.ranks import ALONE, Ranks
-from ..glossy.compression import CUBE_ROOT, EXPONENTS, Compression
+from ..glossy.compression import CUBE_ROOT, EXPONENTS, Compression, own_units
 from ..glossy.objective import Objective
 
 # Fraction of the typical value that is added to all values: darker ones count as black.
@@ -40,7 +41,8 @@ def compression(
     """What an objective makes of values, by one pass over them; None where it takes them as are."""
     if not objective.compressed:
         return None
-    size = mean_values(btf, device, ranks)  # [D]
+    apart = btf.names is not None and btf.texel_count > 1
+    size = mean_values(btf, device, ranks, apart=apart)  # [D]
     every = torch.ones(len(size), dtype=torch.bool)
     measured = every if btf.measured is None else btf.measured
     size = size.clamp(min=0.0)
@@ -50,7 +52,7 @@ def compression(
         plain = float(1.0 / size[measured].square().sum())
         seen = float(1.0 / (9.0 * (size[measured] + dark).pow(2.0 / 3.0).sum()))
     exponent = EXPONENTS.get(objective.error, CUBE_ROOT)
-    return Compression(exponent, dark, plain, seen, size, objective.pair)
+    return Compression(exponent, dark, plain, seen, size, objective.pair, apart)
 
 
 def compressive_weights(
@@ -73,10 +75,21 @@ def _typical(size: Tensor, listed: bool) -> Tensor:
     return size.kthvalue(1 + len(size) // 4).values.clamp(min=LEAST_TYPICAL * float(mean))
 
 
-def mean_values(btf: BTF, device: torch.device, ranks: Ranks = ALONE) -> Tensor:
-    """Mean value of every direction pair over texels and channels, `[D]` float64."""
+def mean_values(
+    btf: BTF, device: torch.device, ranks: Ranks = ALONE, *, apart: bool = False
+) -> Tensor:
+    """Mean value of every direction pair over texels and channels, `[D]` float64.
+
+    Args:
+        btf: decoded.
+        device: of the computation.
+        ranks: that share the work.
+        apart: whether each texel counts in its own unit, see `own_units`.
+    """
     total = torch.zeros(btf.pair_count, dtype=torch.float64, device=device)
     blocks = list(slices(btf.texel_count, block_texels(btf, device)))
     for block in blocks[ranks.rank :: ranks.size]:
-        total += btf.signals(block, device).sum((0, 1), dtype=torch.float64)
+        values = btf.signals(block, device)
+        values = values / own_units(values) if apart else values
+        total += values.sum((0, 1), dtype=torch.float64)
     return ranks.sum(total).cpu() / (btf.texel_count * btf.channels)
