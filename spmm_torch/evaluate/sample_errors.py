@@ -119,8 +119,11 @@ class _Sums:
     def _keep_worst(self, part: PairList, own: Tensor, square: Tensor) -> None:
         """Keeps the largest errors of these samples and of those before."""
         count = len(part.wi)
+        least = self.worst[-1][0] if len(self.worst) == LISTED else -1.0
         found = square[..., 2].flatten().topk(min(LISTED, square[..., 2].numel()))
         for error, index in zip(found.values.tolist(), found.indices.tolist(), strict=True):
+            if error <= least:
+                break
             row, pair = divmod(index, count)
             energy = float(square[row, pair, 0])
             entry = {

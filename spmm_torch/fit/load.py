@@ -18,7 +18,7 @@ from .glossy.kinds import kinds
 from .glossy.objective import Objective
 from .plan import estimate
 from .problem import Problem
-from .weighting import compressive_weights, given_weights
+from .weighting import compression, given_weights
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,11 @@ def posed(loaded: Loaded, config: FitConfig) -> Problem:
     objective = Objective.of(btf, config, context.device)
     if told := objective.describe():
         context.progress.say(told)
-    compressive = compressive_weights(btf, objective, context.device, context.ranks)
-    weights = loaded.weights.times(compressive)
-    return Problem.build(btf, weights, config, context, objective, loaded.unit)
+    compressed = compression(btf, objective, context.device, context.ranks)
+    weights = loaded.weights
+    if compressed is not None:
+        weights = weights.times(compressed.weights(btf))
+    return Problem.build(btf, weights, config, context, objective, loaded.unit, compressed)
 
 
 def posed_apart(loaded: Loaded, config: FitConfig) -> list[tuple[Tensor, Problem]]:

@@ -17,6 +17,7 @@ from ..geometry.relief import HeightField
 from ..lobes.grid import DirectionGrid
 from ..model.relief import Relief
 from ..runtime.context import Context
+from .glossy.compression import Compression
 from .glossy.objective import PLAIN, Objective
 
 
@@ -33,6 +34,7 @@ class Problem:
         objective: what is minimized.
         relief: of the surface that they show; None: it is flat.
         unit: power of two by which the values of the input were multiplied.
+        compression: of the values whose errors count; None: they are as they are.
     """
 
     btf: BTF
@@ -43,6 +45,7 @@ class Problem:
     objective: Objective = PLAIN
     relief: Relief | None = None
     unit: float = 1.0
+    compression: Compression | None = None
 
     @classmethod
     def build(
@@ -53,9 +56,12 @@ class Problem:
         context: Context,
         objective: Objective = PLAIN,
         unit: float = 1.0,
+        compression: Compression | None = None,
     ) -> Problem:
         """The problem of a flat surface."""
-        return cls(btf, weights, config, context, btf, objective, unit=unit)
+        return cls(
+            btf, weights, config, context, btf, objective, unit=unit, compression=compression
+        )
 
     def through(self, relief: Relief) -> Problem:
         """The problem of pictures that show a relief."""

@@ -326,12 +326,20 @@ class Feasible:
                     (low if row.narrow_is_low else high)[index, column] = unit
         return Feasible(low, high)
 
-    def or_as_narrow_as(self, width: float) -> Feasible:
+    def or_as_narrow_as(self, width: float, models: Sequence[str] = MODEL_NAMES) -> Feasible:
         """These bounds, and lobes exactly `width` wide, which may be narrower than parameters go.
 
         For peaks that no sample resolves: any width between would be as good to the samples.
+
+        Args:
+            width: of the lobes.
+            models: that may be so narrow.
         """
-        wider = self._ending_at(width, within=False)
+        some = torch.tensor([name in models for name in MODEL_NAMES])[:, None].to(self.low.device)
+        ends = self._ending_at(width, within=False)
+        wider = Feasible(
+            torch.where(some, ends.low, self.low), torch.where(some, ends.high, self.high)
+        )
         of_high = wider.high > self.high
         start = torch.where(of_high, self.high, wider.low)
         end = torch.where(of_high, wider.high, self.low)

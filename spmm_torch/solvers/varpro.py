@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -60,7 +61,7 @@ class VarProResult:
 
 
 @dataclass
-class _State:
+class State:
     """Current point of every mixture, and the Gauss-Newton model of the loss there."""
 
     coordinates: Tensor  # [S, M, P]
@@ -72,18 +73,31 @@ class _State:
     running: Tensor  # [S] bool
     failed: Tensor  # [S] bool, a loss at the start or a gradient was not finite
 
-    def take(self, rows: Tensor) -> _State:
-        """The state of the mixtures `rows`."""
-        return _State(*(value[rows] for value in vars(self).values()))
+    @classmethod
+    def fresh(
+        cls,
+        coordinates: Tensor,
+        weights: Tensor,
+        loss: Tensor,
+        gradient: Tensor,
+        hessian: Tensor,
+    ) -> State:
+        """States from which no step was tried, by their first five fields."""
+        damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
+        return cls(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
 
-    def put(self, rows: Tensor, other: _State) -> None:
+    def take(self, rows: Tensor) -> State:
+        """The state of the mixtures `rows`."""
+        return State(*(value[rows] for value in vars(self).values()))
+
+    def put(self, rows: Tensor, other: State) -> None:
         """Overwrites the mixtures `rows` in place, unless the other state is this one."""
         if other is self:
             return
         for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True):
             mine[rows] = theirs
 
-    def moved(self, trial: _State, tolerance: float) -> _State:
+    def moved(self, trial: State, tolerance: float) -> State:
         """The state after a trial, which is taken where it lowers the loss of one that runs."""
         unusable = ((self.gradient - self.gradient) != 0.0).any(1)  # NaN or infinite
         gain = self.loss - trial.loss
@@ -96,7 +110,7 @@ class _State:
         settled = (gain >= 0.0) & (gain <= tolerance * self.loss)
         ended = settled | (damping >= DAMPING_MAX) | unusable
         failed = self.failed | (self.running & unusable)
-        return _State(*points, damping=damping, running=self.running > ended, failed=failed)
+        return State(*points, damping=damping, running=self.running > ended, failed=failed)
 
     def _point(self) -> tuple[Tensor, ...]:
         return self.coordinates, self.weights, self.loss, self.gradient, self.hessian
@@ -137,26 +151,69 @@ def refine_mixtures(
     Returns:
         Coordinates, weights, loss and status of each mixture.
     """
-    problem = _Problem(values, linearize, present, signals, block)
+    problem = _Problem(values, linearize, present, signals)
+    return descend(
+        problem,
+        project,
+        start,
+        iterations=iterations,
+        tolerance=tolerance,
+        stragglers=stragglers,
+        block=block,
+    )
+
+
+class Blocks(Protocol):
+    """Problems whose states are found for some of them at once."""
+
+    def at(self, coordinates: Tensor, rows: Tensor, slopes: bool) -> State:
+        """Fresh states at coordinates `[s, M, P]` of the mixtures `rows [s]`."""
+        ...
+
+
+def descend(
+    problem: Blocks,
+    project: Callable[[Tensor, Tensor], Tensor],
+    start: Tensor,
+    *,
+    iterations: int,
+    tolerance: float,
+    stragglers: float = 0.0,
+    block: int | None,
+) -> VarProResult:
+    """Levenberg-Marquardt [Mar63] from `start [S, M, P]`; the rest as in `refine_mixtures`."""
     rows = torch.arange(len(start), device=start.device)
-    state = problem.at(start.clone(), rows, slopes=iterations > 0)
+    state = _in_blocks(problem, start.clone(), rows, block, slopes=iterations > 0)
     first, now = state.loss.clone(), state
     for number in range(iterations):
         if not rows.is_cuda or number % CUDA_STEPS == 0:
             kept = now.running.nonzero().squeeze(1)
-            if len(kept) < len(rows):
-                state.put(rows, now)
-                now, rows = now.take(kept), rows[kept]
             if len(kept) <= int(stragglers * len(start)):
                 break
+            if len(kept) <= len(rows) // 2 if rows.is_cuda else len(kept) < len(rows):
+                state.put(rows, now)
+                now, rows = now.take(kept), rows[kept]
         step = damped_step(now.hessian, now.gradient, now.damping).view_as(now.coordinates)
         trial = project(now.coordinates + step.to(start.dtype), rows)
-        now = now.moved(problem.at(trial, rows, slopes=number < iterations - 1), tolerance)
+        found = _in_blocks(problem, trial, rows, block, slopes=number < iterations - 1)
+        now = now.moved(found, tolerance)
     state.put(rows, now)
     weights = state.weights.transpose(1, 2).to(start.dtype)
     stuck = (state.damping >= DAMPING_MAX) & (state.loss == first)
     status = worst_status(~state.running, stuck, state.failed)
     return VarProResult(state.coordinates, weights, state.loss, status)
+
+
+def _in_blocks(
+    problem: Blocks, coordinates: Tensor, rows: Tensor, block: int | None, *, slopes: bool
+) -> State:
+    """Fresh states at coordinates `[s, M, P]` of the mixtures `rows [s]`, some at a time."""
+    size = block or len(rows)
+    if len(rows) <= size:
+        return problem.at(coordinates, rows, slopes)
+    split = zip(coordinates.split(size), rows.split(size), strict=True)
+    parts = [vars(problem.at(*part, slopes)).values() for part in split]
+    return State(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -167,18 +224,9 @@ class _Problem:
     linearize: LinearFunction
     present: Tensor  # [S, M]
     signals: Tensor  # [S, C, D]
-    block: int | None
 
-    def at(self, coordinates: Tensor, rows: Tensor, *, slopes: bool) -> _State:
+    def at(self, coordinates: Tensor, rows: Tensor, slopes: bool) -> State:
         """Fresh states at coordinates `[s, M, P]` of the mixtures `rows [s]`."""
-        size = self.block or len(rows)
-        if len(rows) <= size:
-            return self._block(coordinates, rows, slopes)
-        split = zip(coordinates.split(size), rows.split(size), strict=True)
-        parts = [vars(self._block(*part, slopes)).values() for part in split]
-        return _State(*(torch.cat(column) for column in zip(*parts, strict=True)))
-
-    def _block(self, coordinates: Tensor, rows: Tensor, slopes: bool) -> _State:
         present, signals = self.present[rows], self.signals[rows]
         found = self.linearize(coordinates, rows) if slopes else None  # [s, M, 1 + P, D]
         products = None if found is None else _products(found)
@@ -194,8 +242,7 @@ class _Problem:
             flat = found.flatten(1, 2)
             along = (error @ flat.transpose(1, 2)).unflatten(2, found.shape[1:3])[..., 1:]
             gradient, hessian = _model(products.double(), along.double(), weights, present)
-        damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
-        return _State(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
+        return State.fresh(coordinates, weights, loss, gradient, hessian)
 
 
 def _products(found: Tensor) -> Tensor:

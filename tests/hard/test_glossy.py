@@ -33,12 +33,10 @@ NAMES = (
 # over that of the material. What no grid tells has bounds of its own, see `docs/hard_cases.md`.
 USUAL = 20.0, 15.0, (0.8, 1.25)
 OTHERS = {
-    "chm_orange": (8.0, 15.0, (0.35, 1.4)),
+    "chm_orange": (8.0, 15.0, (0.5, 1.4)),
     "ilm_solo_m_68": (20.0, 15.0, (0.8, 1.35)),
     "irid_flake_paint1": (20.0, 12.0, (0.8, 1.25)),
 }
-# Which of several minima its search ends in depends on rounding, 11 to 14 dB between the samples.
-BEHIND = {"chm_orange"}
 ERRORS = {"aurora_white": "l2", "cc_ibiza_sunset": "balanced", "vch_silk_blue": "balanced"}
 
 
@@ -52,9 +50,8 @@ def test_a_material_between_its_samples(name: str, grid: int) -> None:
     result = fit(own.btf(), FOUR_LOBES, render=False)
     found = figures(own, of_model(result.model))
     simple = [figures(own, ggx_and_lambert(own, seen=seen)) for seen in (True, False)]
-    if name not in BEHIND:
-        assert found.between > max(each.between for each in simple)
-        assert found.mirror > max(each.mirror for each in simple)
+    assert found.between > max(each.between for each in simple)
+    assert found.mirror > max(each.mirror for each in simple)
     on_samples, body, (low, high) = OTHERS.get(name, USUAL)
     assert found.on_samples >= on_samples
     assert found.body >= body

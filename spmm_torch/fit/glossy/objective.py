@@ -6,7 +6,7 @@ directions do not, values at the peaks say little, and errors of cube roots coun
 
 Peaks that the directions do not resolve are over-represented: directions are measured as mirror
 images of each other, so that as many pairs meet such a peak as if it were as wide as the angle
-between directions. Errors there count by the share of that angle which the peak has.
+between directions. Errors there count by the share of that solid angle which the peak has.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Objective:
         upright = unresolved(grid, values.mean(0, keepdim=True), width)
         pair = None
         if upright is not None:
-            share = upright.width / width
+            share = (upright.width / width) ** 2
             pair = torch.where(peak_pairs(grid, width), share, 1.0).cpu()
         if chosen and peak is None:
             if looks_right(grid, values, config.search):

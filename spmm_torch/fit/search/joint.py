@@ -6,7 +6,7 @@ NNLS and, by variable projection, all normals and parameters of its lobes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import torch
@@ -22,6 +22,7 @@ from ...solvers.nnls import nnls_shared_gram
 from ...solvers.status import Solver
 from ...solvers.varpro import refine_mixtures
 from .bank import Bank
+from .exact import ExactErrors
 from .functions import LobeFunctions
 from .mixtures import Mixtures
 
@@ -51,6 +52,7 @@ class CorrectiveSearch:
         signals: `[S, C, D]`.
         known: lobes that are known beforehand, which every sample may use.
         counts: starts and selections by how they end.
+        exact: errors by which mixtures are judged; None: the squared ones.
     """
 
     grid: DirectionGrid
@@ -60,10 +62,13 @@ class CorrectiveSearch:
     signals: Tensor
     known: LobeBatch
     counts: StartCounts = field(default_factory=StartCounts)
+    exact: ExactErrors | None = None
 
     @cached_property
     def energy(self) -> Tensor:
-        """Squared norm of each sample, `[S]` float64."""
+        """Error of each sample without lobes, its squared norm where errors are, `[S]` float64."""
+        if self.exact is not None:
+            return self.exact.energy()
         return (self.signals * self.signals).sum((1, 2), dtype=torch.float64)
 
     def run(self, advance: Advance) -> Mixtures:
@@ -104,7 +109,11 @@ class CorrectiveSearch:
         """Refines all lobes of every unsolved sample."""
         rows = self._unsolved(mixtures)
         if len(rows):
-            mixtures.put(rows, self._refine(mixtures.take(rows), rows, self.config.final_steps))
+            after = self._refine(mixtures.take(rows), rows, self.config.final_steps)
+            if self.exact is None:
+                mixtures.put(rows, after)
+            else:
+                self._put_better(mixtures, rows, self._settle(after, rows))
 
     def _empty(self) -> Mixtures:
         """Mixtures of all samples without lobes."""
@@ -128,7 +137,8 @@ class CorrectiveSearch:
         It is known whether all mixtures are `empty`.
         """
         before = mixtures.take(rows)
-        error = self.signals[rows] if empty else self._errors(before, rows)
+        plain = empty and self.exact is None
+        error = self.signals[rows] if plain else self._errors(before, rows)
         after = self._add_best(before, rows, error)
         gain = before.loss - after.loss
         paid = gain > torch.maximum(self.config.min_gain * before.loss, SOLVED * self.energy[rows])
@@ -150,9 +160,8 @@ class CorrectiveSearch:
         present, error = (torch.cat(column) for column in zip(*parts, strict=True))
         without = Mixtures(before.model, before.coordinates, present, before.weights, before.loss)
         trial = self._add_best(without, rows, error)
-        trial = self._refine(trial, rows, self.config.final_steps)
-        better = torch.nonzero(trial.loss < before.loss).squeeze(1)
-        mixtures.put(rows[better], trial.take(better))
+        trial = self._settle(self._refine(trial, rows, self.config.final_steps), rows)
+        self._put_better(mixtures, rows, trial)
         return float((1.0 - trial.loss / before.loss).clamp(min=0.0).mean())
 
     def _select_from_all(self, mixtures: Mixtures) -> None:
@@ -182,8 +191,19 @@ class CorrectiveSearch:
         start.coordinates[:] = coordinates[chosen.index.clamp(min=0)]
         start.present[:] = chosen.index >= 0
         trial = self._refine(start, rows, self.config.refine_steps)
+        self._put_better(mixtures, rows, self._settle(trial, rows))
+
+    def _put_better(self, mixtures: Mixtures, rows: Tensor, trial: Mixtures) -> None:
+        """Takes those mixtures of a trial for samples `rows [s]` that have a lower error."""
         better = torch.nonzero(trial.loss < mixtures.loss[rows]).squeeze(1)
         mixtures.put(rows[better], trial.take(better))
+
+    def _settle(self, mixtures: Mixtures, rows: Tensor) -> Mixtures:
+        """The mixtures of samples `rows [s]`, refined by the errors that judge them."""
+        if self.exact is None:
+            return mixtures
+        steps, tolerance = self.config.final_steps, self.config.tolerance
+        return self.exact.refined(mixtures, rows, self.feasible, steps, tolerance, self._block)
 
     def _pool(self, mixtures: Mixtures) -> LobeBatch:
         """Known lobes, then those of all samples, best fits first, of which no two are alike."""
@@ -199,8 +219,8 @@ class CorrectiveSearch:
         """The mixtures of samples `rows [s]` without their weakest lobe, or that of a later `turn`.
 
         Returns:
-            (lobes that stay `[s, M]` bool; signals minus these, with their best weights,
-            `[s, C, D]`).
+            (lobes that stay `[s, M]` bool; what is to be added to these, with their best weights,
+            `[s, C, D]`; see `_errors`).
         """
         rho, signals = self.grid.values(mixtures.model, mixtures.coordinates), self.signals[rows]
         energy = mixtures.weights.square().sum(2) * rho.square().sum(2)  # [s, M]
@@ -209,7 +229,11 @@ class CorrectiveSearch:
         present = mixtures.present.scatter(1, order.gather(1, place[:, None]), False)
         gram, correlation = rho @ rho.transpose(1, 2), signals @ rho.transpose(1, 2)
         weights = nnls_shared_gram(gram.double(), correlation.double(), allowed=present).weights
-        return present, signals - weights.to(rho.dtype) @ rho
+        weights = weights.to(rho.dtype)
+        if self.exact is None:
+            return present, signals - weights @ rho
+        without = replace(mixtures, present=present, weights=weights)
+        return present, self.exact.downward(without, rows)
 
     def _add_best(self, mixtures: Mixtures, rows: Tensor, error: Tensor) -> Mixtures:
         """The mixtures of samples `rows [s]` with one more lobe, the best of several starts.
@@ -245,9 +269,17 @@ class CorrectiveSearch:
         return best[:count]
 
     def _errors(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
-        """Signals `rows [s]` minus their mixtures, `[s, C, D]`."""
-        places = torch.arange(len(rows), device=rows.device).split(self._block)
-        parts = [self.signals[rows[p]] - mixtures.take(p).values(self.grid) for p in places]
+        """What is to be added to the mixtures of samples `rows [s]`, `[s, C, D]`.
+
+        That is the signals minus the mixtures, unless other errors count.
+        """
+        parts = []
+        for some in torch.arange(len(rows), device=rows.device).split(self._block):
+            own, signals = mixtures.take(some), self.signals[rows[some]]
+            if self.exact is None:
+                parts.append(signals - own.values(self.grid))
+            else:
+                parts.append(self.exact.downward(own, rows[some]))
         return torch.cat(parts)
 
     def _with_lobe(self, mixtures: Mixtures, slot: Tensor, atom: Tensor) -> Mixtures:
@@ -280,7 +312,10 @@ class CorrectiveSearch:
         self.counts.add_starts({Solver.VARPRO: result.status})
         coordinates, weights = mixtures.coordinates.clone(), torch.zeros_like(mixtures.weights)
         coordinates[:, :used], weights[:, :used] = result.coordinates, result.weights
-        return Mixtures(mixtures.model, coordinates, mixtures.present, weights, result.loss)
+        found = Mixtures(mixtures.model, coordinates, mixtures.present, weights, result.loss)
+        if self.exact is None:
+            return found
+        return replace(found, loss=self.exact.loss(found, rows, self._block))
 
     @property
     def _block(self) -> int:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
 from ...config.fit import FitConfig, SearchConfig
 from ...lobes.batch import Feasible, LobeBatch
+from ...lobes.grid import DirectionGrid
 from ...runtime.progress import Advance
 from ...solvers.multistart import StartCounts
 from ..cluster import Samples
 from ..dictionary import FoundLobes
-from ..glossy.centre import centred
-from ..glossy.energy import held_to_energy
+from ..glossy.objective import LONG_TAILED
 from ..problem import Problem
-from .bank import build_bank, narrow_bank
+from .bank import Bank, build_bank, narrow_bank
+from .exact import ExactErrors, held
 from .joint import FEW_ROWS, CorrectiveSearch
 from .mixtures import Mixtures
 from .music import music_lobes
@@ -68,33 +71,120 @@ def find_lobes(
     """
     search, grid = problem.config.search, problem.grid()
     signals = problem.signals(samples.texels)  # [S, C, D]
-    width = search.min_width * grid.spacing
-    peak, models = problem.objective.peak, problem.objective.models(search.models)
-    feasible, fine = (Feasible.build(w).to(grid.light) for w in (width, EXACT_WIDTH * width))
-    bank = build_bank(grid, models, bank_normals(search, len(samples)), feasible)
-    if peak is not None:
-        feasible = feasible.or_as_narrow_as(peak.width)
-        bank = bank.joined(narrow_bank(grid, models, peak.width, feasible))
-    finder: StagewiseSearch | CorrectiveSearch
+    peak, width = problem.objective.peak, search.min_width * grid.spacing
+    scene = _Scene(problem, grid, signals, Feasible.build(width).to(grid.light))
     if search.method == "stagewise":
-        finder = StagewiseSearch.build(
-            grid, bank, feasible, search, problem.config.stagewise, signals, generator
-        )
+        mixtures, counts = _stagewise(scene, generator, advance)
     else:
-        known = music_lobes(signals.flatten(0, 1), grid, bank, fine)
-        bounds = fine if len(known) else feasible
-        finder = CorrectiveSearch(grid, bank, bounds, search, signals, known)
-    mixtures = finder.run(advance)
+        mixtures, counts = _corrective(scene, samples, advance)
+    used = _used(mixtures)
     if peak is None:
-        used = _used(mixtures)
         lobes = grid.decode(mixtures.model[used], mixtures.coordinates[used])
     else:
-        lobes = grid.decode(mixtures.model.flatten(), mixtures.coordinates.flatten(0, 1))
-        weights = mixtures.weights * mixtures.present[..., None]
-        lobes, weights = centred(lobes, weights.flatten(0, 1), grid, width)
-        weights = weights.view(*mixtures.weights.shape)
-        lobes = held_to_energy(lobes, weights, peak, width)[_used(mixtures).flatten()]
-    return _found(lobes, mixtures, samples.clusters, signals, finder.counts)
+        lobes = held(mixtures, grid, peak, width)[used.flatten()]
+    return _found(lobes, mixtures, samples.clusters, signals, counts)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """What all starts of a search share."""
+
+    problem: Problem
+    grid: DirectionGrid
+    signals: Tensor  # [S, C, D]
+    feasible: Feasible  # of lobes that the pairs resolve
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """Models of the lobes."""
+        return self.problem.objective.models(self.problem.config.search.models)
+
+    @property
+    def bank(self) -> Bank:
+        """Candidates that the pairs resolve."""
+        count = bank_normals(self.problem.config.search, len(self.signals))
+        return build_bank(self.grid, self.models, count, self.feasible)
+
+    def narrow(
+        self, bank: Bank, bounds: Feasible, models: tuple[str, ...]
+    ) -> tuple[Bank, Feasible]:
+        """Candidates and bounds with which some models may be as narrow as unresolved peaks."""
+        peak = self.problem.objective.peak
+        if peak is None:
+            return bank, bounds
+        bounds = bounds.or_as_narrow_as(peak.width, models)
+        return bank.joined(narrow_bank(self.grid, models, peak.width, bounds)), bounds
+
+
+def _stagewise(
+    scene: _Scene, generator: torch.Generator, advance: Advance
+) -> tuple[Mixtures, StartCounts]:
+    """The paper's search."""
+    config = scene.problem.config
+    bank, bounds = scene.narrow(scene.bank, scene.feasible, scene.models)
+    finder = StagewiseSearch.build(
+        scene.grid, bank, bounds, config.search, config.stagewise, scene.signals, generator
+    )
+    return finder.run(advance), finder.counts
+
+
+def _corrective(scene: _Scene, samples: Samples, advance: Advance) -> tuple[Mixtures, StartCounts]:
+    """The default search; of several starts each sample keeps the best."""
+    search, bank = scene.problem.config.search, scene.bank
+    fine = Feasible.build(EXACT_WIDTH * search.min_width * scene.grid.spacing).to(scene.grid.light)
+    known = music_lobes(scene.signals.flatten(0, 1), scene.grid, bank, fine)
+    bounds = fine if len(known) else scene.feasible
+    exact, counts = _exact(scene, samples), StartCounts()
+    tails = _tails(scene, len(samples))
+    advance = _in_parts(advance, len(tails))
+    best: Mixtures | None = None
+    for models in tails:
+        start = scene.narrow(bank, bounds, models)
+        finder = CorrectiveSearch(
+            scene.grid, *start, search, scene.signals, known, counts=counts, exact=exact
+        )
+        found = finder.run(advance)
+        best = found if best is None else best.better(found)
+    assert best is not None
+    return best, counts
+
+
+def _tails(scene: _Scene, samples: int) -> list[tuple[str, ...]]:
+    """Models that may stand for unresolved peaks, in each start.
+
+    Samples beside a peak hardly tell whether it has a long tail, but which is chosen first decides
+    where a search ends.
+    """
+    short = tuple(name for name in scene.models if name != LONG_TAILED)
+    alone = scene.problem.objective.peak is None or samples > FEW_ROWS
+    return [scene.models] if alone or short == scene.models else [scene.models, short]
+
+
+def _in_parts(advance: Advance, parts: int) -> Advance:
+    """What counts the steps of so many searches as those of one."""
+    left = 0
+
+    def some(steps: int) -> None:
+        nonlocal left
+        left += steps
+        advance(left // parts)
+        left %= parts
+
+    return advance if parts == 1 else some
+
+
+def _exact(scene: _Scene, samples: Samples) -> ExactErrors | None:
+    """Errors in the measure of the objective; None where squared ones have a part in it.
+
+    Weighted squared errors of resolved peaks hold what lies between samples better.
+    """
+    problem = scene.problem
+    compression, pair = problem.compression, problem.weights.pair
+    if compression is None or compression.plain > 0.0 or pair is None:
+        return None
+    values = problem.btf.signals(samples.texels, problem.device)
+    resolved = problem.config.search.min_width * scene.grid.spacing
+    return ExactErrors.of(scene.grid, compression, values, pair, problem.objective.peak, resolved)
 
 
 def _used(mixtures: Mixtures) -> Tensor:

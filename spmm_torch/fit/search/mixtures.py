@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
 from torch import Tensor
 
 from ...lobes.grid import DirectionGrid
@@ -40,6 +41,16 @@ class Mixtures:
         """Overwrites the mixtures of samples `rows [s]` in place."""
         for mine, theirs in zip(self.tensors(), other.tensors(), strict=True):
             mine[rows] = theirs
+
+    def better(self, other: Mixtures) -> Mixtures:
+        """Of each sample the mixture of lower error, this one where both are alike."""
+        lower = other.loss < self.loss  # False for NaN
+        return Mixtures(
+            *(
+                torch.where(lower.view(-1, *[1] * (mine.dim() - 1)), theirs, mine)
+                for mine, theirs in zip(self.tensors(), other.tensors(), strict=True)
+            )
+        )
 
     def tensors(self) -> tuple[Tensor, ...]:
         """All fields in their order, `[S, ...]` each."""

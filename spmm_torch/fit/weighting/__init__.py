@@ -1,7 +1,7 @@
 """Weights of the errors of a fit: of a scene, of a file, or of compressed values."""
 
-from .compressive import compressive_weights
+from .compressive import compression, compressive_weights
 from .given import given_weights
 from .scene import scene_weights
 
-__all__ = ["compressive_weights", "given_weights", "scene_weights"]
+__all__ = ["compression", "compressive_weights", "given_weights", "scene_weights"]

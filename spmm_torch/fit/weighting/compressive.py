@@ -5,7 +5,8 @@ logarithm [SRRW21]: (g(y) - g(s))^2 ~ g'(y)^2 (y - s)^2 is a weighted squared er
 each value would give every texel a Gram matrix of its own. The weights are therefore separable: a
 pair has the weight g'^2 at its mean value over all texels and channels. This balances highlights
 against other pairs, but not bright texels against dark ones. Balanced errors are the sum of the
-relative squared errors of values and of their cube roots.
+relative squared errors of values and of their cube roots. Unrelated materials count in units of
+their own: else the brightest would rule what is relative for all.
 
 References:
     [LKYU12] Joakim Low, Joel Kronander, Anders Ynnerman, Jonas Unger, BRDF Models for Accurate and
@@ -25,33 +26,41 @@ from ...data.error_weights import Weights
 from ...data.pair_lists import PairedBTF
 from ...runtime.memory import slices
 from ...runtime.ranks import ALONE, Ranks
+from ..glossy.compression import CUBE_ROOT, EXPONENTS, Compression, own_units
 from ..glossy.objective import Objective
 
-# Minus the exponent of g'(y)^2: y^(1/3) has 2 (1 - 1/3), log(y) has 2.
-EXPONENTS = {"cube-root": 4.0 / 3.0, "log": 2.0}
 # Fraction of the typical value that is added to all values: darker ones count as black.
 DARK = 0.1
 # Least part of the mean that is typical of scattered samples.
 LEAST_TYPICAL = 1e-3
 
 
+def compression(
+    btf: BTF, objective: Objective, device: torch.device, ranks: Ranks = ALONE
+) -> Compression | None:
+    """What an objective makes of values, by one pass over them; None where it takes them as are."""
+    if not objective.compressed:
+        return None
+    apart = btf.names is not None and btf.texel_count > 1
+    size = mean_values(btf, device, ranks, apart=apart)  # [D]
+    every = torch.ones(len(size), dtype=torch.bool)
+    measured = every if btf.measured is None else btf.measured
+    size = size.clamp(min=0.0)
+    dark = float(DARK * _typical(size[measured], isinstance(btf, PairedBTF)))
+    plain, seen = 0.0, 1.0
+    if objective.error == "balanced":
+        plain = float(1.0 / size[measured].square().sum())
+        seen = float(1.0 / (9.0 * (size[measured] + dark).pow(2.0 / 3.0).sum()))
+    exponent = EXPONENTS.get(objective.error, CUBE_ROOT)
+    return Compression(exponent, dark, plain, seen, size, objective.pair, apart)
+
+
 def compressive_weights(
     btf: BTF, objective: Objective, device: torch.device, ranks: Ranks = ALONE
 ) -> Weights:
     """The weights of an objective; one pass over all values if it compresses them."""
-    if not objective.compressed:
-        return Weights(measured=btf.measured)
-    size = mean_values(btf, device, ranks)  # [D]
-    measured = torch.ones(len(size), dtype=torch.bool) if btf.measured is None else btf.measured
-    size = size.clamp(min=0.0)
-    dark = DARK * _typical(size[measured], isinstance(btf, PairedBTF))
-    if objective.error == "balanced":
-        pair = _balanced(size, dark, measured)
-    else:
-        pair = (size + dark) ** -EXPONENTS[objective.error]
-    if objective.pair is not None:
-        pair = pair * objective.pair
-    return Weights.build(btf, pair.view(btf.pair_shape))
+    found = compression(btf, objective, device, ranks)
+    return Weights(measured=btf.measured) if found is None else found.weights(btf)
 
 
 def _typical(size: Tensor, listed: bool) -> Tensor:
@@ -66,23 +75,21 @@ def _typical(size: Tensor, listed: bool) -> Tensor:
     return size.kthvalue(1 + len(size) // 4).values.clamp(min=LEAST_TYPICAL * float(mean))
 
 
-def _balanced(size: Tensor, dark: Tensor, measured: Tensor) -> Tensor:
-    """Weights `[D]` by which relative errors of values and of their cube roots add up.
+def mean_values(
+    btf: BTF, device: torch.device, ranks: Ranks = ALONE, *, apart: bool = False
+) -> Tensor:
+    """Mean value of every direction pair over texels and channels, `[D]` float64.
 
     Args:
-        size: mean values of the pairs, `[D]`.
-        dark: value that is added to all.
-        measured: whether each pair has values, `[D]`.
+        btf: decoded.
+        device: of the computation.
+        ranks: that share the work.
+        apart: whether each texel counts in its own unit, see `own_units`.
     """
-    bright = size + dark
-    seen = bright ** -EXPONENTS["cube-root"] / (9.0 * bright[measured].pow(2.0 / 3.0).sum())
-    return 1.0 / size[measured].square().sum() + seen
-
-
-def mean_values(btf: BTF, device: torch.device, ranks: Ranks = ALONE) -> Tensor:
-    """Mean value of every direction pair over texels and channels, `[D]` float64."""
     total = torch.zeros(btf.pair_count, dtype=torch.float64, device=device)
     blocks = list(slices(btf.texel_count, block_texels(btf, device)))
     for block in blocks[ranks.rank :: ranks.size]:
-        total += btf.signals(block, device).sum((0, 1), dtype=torch.float64)
+        values = btf.signals(block, device)
+        values = values / own_units(values) if apart else values
+        total += values.sum((0, 1), dtype=torch.float64)
     return ranks.sum(total).cpu() / (btf.texel_count * btf.channels)
