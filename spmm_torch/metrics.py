@@ -58,4 +58,4 @@ def _decibels(signal: float, error: float) -> float:
     if error <= 0.0:
         return math.inf
     ratio = signal / error
-    return 10.0 * math.log10(ratio) if ratio > 0.0 else -math.inf
+    return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)

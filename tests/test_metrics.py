@@ -29,6 +29,7 @@ def test_errors_of_what_is_black() -> None:
     for dark in (0.0, 5e-324):
         assert snr_db(dark, 1e9) == psnr_db(dark, 1e9, 1) == -math.inf
     assert snr_db(0.0, 0.0) == math.inf
+    assert math.isnan(snr_db(1.0, math.nan))  # what is not known stays so
 
 
 def test_sum() -> None:
