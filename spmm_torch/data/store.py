@@ -43,7 +43,10 @@ class Store(Protocol):
         ...
 
     def planes(self, start: int, stop: int) -> Tensor:
-        """Values `[C, T, stop - start]` float32 of the same, contiguous, on the CPU."""
+        """Values `[C, T, stop - start]` float32 of the same, contiguous, on the CPU.
+
+        They are the caller's own, who may change them.
+        """
         ...
 
     def strips(
@@ -93,14 +96,19 @@ class CodeStore:
         """Values `[C, T, stop - start]`; see `Store.planes`."""
         codes = self.codes.columns(start, stop)
         if self.expand.elementwise:  # codes are smaller than values
-            return self.expand(codes.contiguous().permute(2, 0, 1).contiguous())
-        return self.expand(codes).permute(2, 0, 1).contiguous()
+            return self.expand(_own(codes.contiguous().permute(2, 0, 1)))
+        return _own(self.expand(codes).permute(2, 0, 1))
 
     def strips(
         self, texel: Tensor, view: Tensor, lights: int, device: torch.device | str = "cpu"
     ) -> Tensor:
         """Values `[N, L, C]`; see `Store.strips`."""
         return self.expand(self.codes.strips(texel, view, lights).to(device))
+
+
+def _own(values: Tensor) -> Tensor:
+    """A copy, contiguous: of one texel and pair, `contiguous` would give the stored codes."""
+    return values.clone(memory_format=torch.contiguous_format)
 
 
 @dataclass(frozen=True)

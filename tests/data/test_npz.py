@@ -292,3 +292,14 @@ def test_what_numpy_advises_is_not_handed_on(tmp_path: Path) -> None:
         load_btf(tmp_path / "b.npz")
     assert "\n" not in str(caught.value)
     assert "allow_pickle" not in str(caught.value)
+
+
+def test_planes_of_one_value_are_the_callers_own(tmp_path: Path) -> None:
+    """A single texel and pair need no transposition, and yet no view of the stored values."""
+    up = np.float32([[0.0, 0.0, 1.0]])
+    path = tmp_path / "one.npz"
+    np.savez(path, values=np.full((1, 1, 1, 1, 3), 0.2, np.float32), view=up, light=up)
+    btf = load_btf(path).load()
+    plane = btf.planes(0)
+    plane -= 1.0
+    assert btf.texels().flatten().tolist() == pytest.approx([0.2] * 3)
