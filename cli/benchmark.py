@@ -51,7 +51,7 @@ def add_options(parser: Parser) -> None:
         metavar="NAME,...",
         help="parts of the benchmark (default: %(default)s)",
     )
-    add("--small", action="store_true", help="measure for about a minute, to show that it runs")
+    add("--small", action="store_true", help="measure for two minutes, to show that it runs")
     add(
         "--repeats",
         type=whole_number,

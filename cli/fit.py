@@ -19,7 +19,7 @@ from spmm_torch.config.written import Written
 from .inputs import check_input, check_place
 from .parser import Parser, add_cache, add_output, file_name
 from .places import rectangle
-from .settings import escaped, in_yaml, settings_lines
+from .settings import escaped, in_yaml, of_switch, settings_lines
 
 # The options that are short for a setting: its key, the option, and what argparse is to know of it.
 SHORT: tuple[tuple[str, str, dict[str, Any]], ...] = (
@@ -86,7 +86,8 @@ def add_short(parser: Parser) -> None:
     rows = {row.key: row for row in describe(FitConfig)}
     for key, option, known in SHORT:
         default = in_yaml(rows[key].default)
-        text = f"{rows[key].meaning}; short for --set {key}=... (default: {default})"
+        meaning = of_switch(rows[key].meaning) if "action" in known else rows[key].meaning
+        text = f"{meaning}; short for --set {key}=... (default: {default})"
         parser.add_argument(option, dest=key, help=escaped(text), **known)
 
 

@@ -20,7 +20,7 @@ S = TypeVar("S")
 
 # What the value of an option is called, where it is not a word.
 METAVARS: dict[type, str] = {int: "N", float: "X"}
-MAX_WIDTH = 100
+MIN_WIDTH, MAX_WIDTH = 24, 100
 
 
 def add_settings(parser: Group, cls: type, *names: str) -> None:
@@ -35,7 +35,7 @@ def add_setting(parser: Group, item: Field[Any], kind: type) -> None:
     """The option of one setting: a number, a word, or a switch that is off by default."""
     option, meaning = option_name(item.name), item.metadata["meaning"]
     if kind is bool:
-        parser.add_argument(option, action="store_true", help=escaped(meaning))
+        parser.add_argument(option, action="store_true", help=escaped(of_switch(meaning)))
         return
     kind = next((each for each in typing.get_args(kind) if each is not type(None)), kind)
     choices = item.metadata["choices"]
@@ -49,6 +49,11 @@ def add_setting(parser: Group, item: Field[Any], kind: type) -> None:
         metavar=None if choices else METAVARS.get(kind, item.name.upper()),
         help=escaped(f"{'; '.join(filter(None, [meaning, span]))} (default: {default})"),
     )
+
+
+def of_switch(meaning: str) -> str:
+    """The meaning of a setting that is true or false, for an option that makes it true."""
+    return meaning.removeprefix("whether ").removeprefix("to ")
 
 
 def option_name(name: str) -> str:
@@ -88,7 +93,7 @@ def settings_lines(cls: type, indent: int = 2) -> list[str]:
 
 def wrapped(text: str, first: int, rest: int) -> list[str]:
     """A text in lines that fit the terminal, indented by `first` and then `rest` columns."""
-    width = min(shutil.get_terminal_size().columns - 2, MAX_WIDTH)
+    width = max(MIN_WIDTH, min(shutil.get_terminal_size().columns - 2, MAX_WIDTH))
     return textwrap.wrap(text, width, initial_indent=" " * first, subsequent_indent=" " * rest)
 
 

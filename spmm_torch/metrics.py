@@ -45,10 +45,17 @@ class Totals:
 
 
 def snr_db(energy: float, error: float) -> float:
-    """The ratio 10 log10(sum y^2 / sum e^2) in dB; infinite for a perfect fit."""
-    return math.inf if error <= 0.0 else 10.0 * math.log10(energy / error)
+    """The ratio 10 log10(sum y^2 / sum e^2) in dB; infinite for no error, -infinite for black."""
+    return _decibels(energy, error)
 
 
 def psnr_db(peak: float, error: float, count: int) -> float:
     """The ratio 10 log10(peak^2 / mean e^2) in dB of `count` values; infinite for a perfect fit."""
-    return math.inf if error <= 0.0 else 10.0 * math.log10(peak * peak * count / error)
+    return _decibels(peak * peak * count, error)
+
+
+def _decibels(signal: float, error: float) -> float:
+    if error <= 0.0:
+        return math.inf
+    ratio = signal / error
+    return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)

@@ -24,6 +24,14 @@ def test_perfect_fits_and_rounding_below_zero() -> None:
         assert snr_db(1.0, error) == psnr_db(1.0, error, 3) == math.inf
 
 
+def test_errors_of_what_is_black() -> None:
+    """As of a material without light in a folder of measured ones, or an export of one."""
+    for dark in (0.0, 5e-324):
+        assert snr_db(dark, 1e9) == psnr_db(dark, 1e9, 1) == -math.inf
+    assert snr_db(0.0, 0.0) == math.inf
+    assert math.isnan(snr_db(1.0, math.nan))  # what is not known stays so
+
+
 def test_sum() -> None:
     parts = [Totals(1.0, 2.0, 3.0, 4.0), Totals(1e-17, 0.5, 0.25, 0.125)]
     assert Totals.sum(iter(parts)) == Totals(1.0, 2.5, 3.25, 4.125)

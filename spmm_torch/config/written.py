@@ -103,6 +103,12 @@ def load_yaml(path: Path | str, what: str = "settings file") -> Any:
         raise ConfigError(f"{what} {path} is not valid YAML: {reason}; mend it.") from error
 
 
+def kind_of(values: Any) -> str:
+    """What the content of a YAML file is, in the words of YAML."""
+    names = {list: "a list", dict: "sections with keys", type(None): "nothing"}
+    return names.get(type(values), "text")
+
+
 def read_yaml(path: Path | str) -> dict[str, Any]:
     """The mapping in a YAML file.
 
@@ -113,8 +119,8 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     if values is None:
         return {}
     if not isinstance(values, dict):
-        kind = "text" if isinstance(values, str) else type(values).__name__
         raise ConfigError(
-            f"settings file {path} holds {kind}; expected sections as in configs/default.yaml."
+            f"settings file {path} holds {kind_of(values)}; expected sections as in "
+            f"configs/default.yaml."
         )
     return values

@@ -212,13 +212,15 @@ def _checked(arrays: Mapping[str, np.ndarray], path: Path) -> Samples:
             f"'texel' of {path} has type {texel.dtype} and shape {list(texel.shape)}; expected "
             f"[{count}] whole numbers from 0, the texel of each sample; save it so."
         )
-    size, names = _layout(arrays, int(texel.max()) + 1, path)
-    counts = np.bincount(texel.astype(np.int64), minlength=math.prod(size))
-    if not counts.all():
+    texels = int(texel.max()) + 1
+    present = np.unique(texel)
+    if len(present) < texels:  # told before anything is made for each number: one may be 10^9
+        gap = int(np.argmax(present != np.arange(len(present))))
         raise DataError(
-            f"'texel' of {path} has no sample of texel {int(counts.argmin())}, of "
-            f"{math.prod(size)}; expected at least one of each from 0; number them anew."
+            f"'texel' of {path} has no sample of texel {gap}, of {texels}; expected at least one "
+            f"of each from 0; number them anew."
         )
+    size, names = _layout(arrays, texels, path)
     if not np.isfinite(arrays["rgb"]).all():
         raise DataError(
             f"'rgb' of {path} holds a value that is not finite, the first at sample "

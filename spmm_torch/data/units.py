@@ -19,6 +19,8 @@ from .store import Part, ScaledStore, Store
 ORDINARY = (2.0**-10, 2.0**20)
 # Highest value over the 99.9th percentile from which on it is no reflection.
 HOT = 2.0**20
+# Exponent of the greatest power of two that a float32 holds.
+GREATEST = 127
 
 
 def unit_of(btf: BTF) -> float:
@@ -33,7 +35,7 @@ def unit_of(btf: BTF) -> float:
         return 1.0
     if level > high:
         _refuse_hot(btf, level)
-    return 2.0 ** -math.frexp(level)[1]
+    return 2.0 ** min(-math.frexp(level)[1], GREATEST)
 
 
 def scaled(btf: BTF, factor: float) -> BTF:

@@ -16,7 +16,7 @@ import torch
 import yaml
 from torch import Tensor
 
-from ..config.written import load_yaml
+from ..config.written import kind_of, load_yaml
 from ..errors import ConfigError, SPMMError
 from ..model.spmm import SPMM
 from .edits import EDITS
@@ -86,7 +86,7 @@ class Script:
             return cls()
         if not isinstance(items, list):
             raise ConfigError(
-                f"an edit script holds {type(items).__name__}; expected a list of edits such as "
+                f"an edit script holds {kind_of(items)}; expected a list of edits such as "
                 f"'- intensity: {{factor: 2}}'."
             )
         if folder is not None:

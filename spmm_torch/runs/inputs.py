@@ -154,7 +154,7 @@ def read_report(run: Path | str) -> dict[str, Any]:
             f"{path} cannot be read ({error}); expected the report of a run; give the folder that "
             f"spmm fit has made."
         ) from error
-    if not isinstance(report, dict) or "input" not in report:
+    if not isinstance(report, dict) or not isinstance(report.get("input", 0), str | None):
         raise OutputError(f"{path} names no input; expected the report of a run; fit it anew.")
     return report
 

@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import pytest
 
 from spmm_torch.cli.parser import Parser
-from spmm_torch.cli.settings import add_settings, in_yaml, read_settings, settings_lines
+from spmm_torch.cli.settings import (
+    MIN_WIDTH,
+    add_settings,
+    in_yaml,
+    of_switch,
+    read_settings,
+    settings_lines,
+)
 from spmm_torch.config.schema import REQUIRED, setting
 from spmm_torch.errors import ConfigError
 
@@ -54,6 +61,16 @@ def test_values_have_their_types() -> None:
 def test_bad_values(words: list[str], complaint: str) -> None:
     with pytest.raises(ConfigError, match=complaint):
         read_settings(Settings, options(*words))
+
+
+def test_lines_of_any_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "1")
+    assert all(len(line) <= MIN_WIDTH for line in settings_lines(Settings))
+
+
+def test_a_switch_is_no_question() -> None:
+    assert of_switch("whether to leave out models") == "leave out models"
+    assert of_switch("whether pictures are PNG") == "pictures are PNG"
 
 
 def test_help_tells_meaning_range_and_default() -> None:

@@ -200,7 +200,7 @@ def test_read_yaml(tmp_path: Path) -> None:
         (b"\xff\xfe\xff", "cannot be read"),
         (b"a: [1", "is not valid YAML"),
         (b"? {a: 1}\n: 2", "is not valid YAML"),
-        (b"- 1\n- 2", "holds list; expected sections"),
+        (b"- 1\n- 2", "holds a list; expected sections"),
     ],
 )
 def test_bad_yaml(tmp_path: Path, content: bytes | None, message: str) -> None:

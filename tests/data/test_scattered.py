@@ -149,6 +149,10 @@ def test_texels_with_other_pairs_are_lists_or_masked(tmp_path: Path) -> None:
         ({"texel": np.zeros(6)}, r"'texel' of .* expected \[6\] whole numbers"),
         ({"texel": np.full(6, -1)}, r"'texel' of .* expected \[6\] whole numbers"),
         ({"texel": np.array([0, 0, 2, 2, 3, 3])}, "no sample of texel 1, of 4"),
+        (
+            {"texel": np.array([0, 0, 1, 1, 1, 1 << 50])},
+            "no sample of texel 2, of 1125899906842625",
+        ),
         ({"size": np.array([2, 2])}, "'size' of .* of 1 texels"),
         ({"names": np.array(["a", "b"])}, r"'names' of .* expected \[1\] texts"),
     ],

@@ -111,7 +111,8 @@ def test_progress(model: SPMM) -> None:
 
 
 WRONG = [
-    ("intensity: {factor: 2}", "holds dict; expected a list of edits"),
+    ("intensity: {factor: 2}", "holds sections with keys; expected a list of edits"),
+    ("hello", "an edit script holds text; expected a list of edits"),
     ("- intensity", "edit 1 is 'intensity'; expected one edit with its options"),
     ("- {intensity: {}, blend: {}}", "expected one edit with its options"),
     ("- intensty: {factor: 2}", "edit 1: unknown edit intensty; did you mean intensity"),

@@ -139,6 +139,9 @@ def test_what_a_run_does_not_say(tmp_path: Path) -> None:
     assert not has_input(run)
     with pytest.raises(OutputError, match="names no input; expected a fit"):
         read_input(run)
+    (run / "report.json").write_text('{"input": 5}')
+    with pytest.raises(OutputError, match="names no input; expected the report of a run"):
+        read_input(run)
     (run / "report.json").write_text('{"input": "a.zip"}')
     with pytest.raises(ConfigError, match=r"config\.yaml cannot be read"):
         read_input(run, "a.zip")

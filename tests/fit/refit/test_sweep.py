@@ -9,6 +9,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import one_hot
 
+from spmm_torch.config.fit import FitConfig
+from spmm_torch.data import BTF
+from spmm_torch.fit import fit
 from spmm_torch.fit.refit import sweep as sweeps
 from spmm_torch.fit.refit.cluster_functions import LeftOver, left_over
 from spmm_torch.fit.refit.sweep import Swept, sweep
@@ -67,6 +70,14 @@ def test_products_with_what_the_lobes_leave(sample: Case, exact: bool) -> None:
     left = left_by_lobes(sample) * sample.pair_scale()[:, None, :, None]
     expected = torch.einsum("vplcm,vplc->m", shown, left).view(-1, RANK)
     torch.testing.assert_close(found.products, expected, rtol=1e-4, atol=1e-4)
+
+
+def test_pictures_of_one_value_are_left_as_they_are() -> None:
+    """Nothing of a single texel and pair has to be transposed, so a picture may be the store's own."""
+    up = torch.tensor([[0.0, 0.0, 1.0]])
+    btf = BTF.from_values(torch.full((1, 1, 1, 1, 3), 0.2), up, up)
+    fit(btf, FitConfig(), render=False)
+    assert btf.texels().flatten().tolist() == pytest.approx([0.2] * 3)
 
 
 def labels(sample: Case) -> Tensor:
