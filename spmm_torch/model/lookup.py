@@ -75,19 +75,21 @@ class MergedEntries:
         start = offset[flat]
         length = offset[flat + 1] - start
         corner, entry = ranges(start, length if counts is None else length * counts.flatten())
-        block, lobe = corner.div(4, rounding_mode="floor"), index[entry]  # [E]
+        corners = texel.shape[1]
+        block, lobe = corner.div(corners, rounding_mode="floor"), index[entry]  # [E]
         order = _by_block_and_lobe(block, lobe, len(texel))
         corner, entry, block, lobe = (x[order] for x in (corner, entry, block, lobe))
         new = run_starts(block, lobe)
         count = torch.bincount(block[new], minlength=len(texel))
-        place = 4 * (new.cumsum(0) - 1) + corner % 4
+        place = corners * (new.cumsum(0) - 1) + corner % corners
         return cls(texel, count.cumsum(0) - count, count, lobe[new], entry, place)
 
     def weighted(self, weight: Tensor) -> TexelBlocks:
         """The blocks with the weights `[N, C]` of the texture's entries."""
-        total = weight.new_zeros(4 * len(self.lobe), weight.shape[1])
+        corners = self.texel.shape[1]
+        total = weight.new_zeros(corners * len(self.lobe), weight.shape[1])
         total = total.index_add(0, self.place, weight.index_select(0, self.entry))
-        total = total.view(-1, 4, weight.shape[1])
+        total = total.view(-1, corners, weight.shape[1])
         return TexelBlocks(self.texel, self.start, self.count, self.lobe, total)
 
 
