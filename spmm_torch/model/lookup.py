@@ -41,21 +41,30 @@ class SparseWeights:
 
 
 @dataclass(frozen=True)
-class MergedEntries:
-    """The lobes of blocks of texels, each once a block, without their weights.
+class BlockLobes:
+    """The lobes of blocks of texels, each once a block.
 
     Attributes:
-        texel: the four texels of each block, `[B, 4]`.
+        texel: the n texels of each block, `[B, n]`; four for bilinear lookups.
         start, count: first entry and number of entries of each block, `[B]`.
         lobe: lobe of each entry, `[M]`.
-        entry: entries of the texture that are merged, `[E]`.
-        place: 4 times the merged entry of each of them, plus its corner, `[E]`.
     """
 
     texel: Tensor
     start: Tensor
     count: Tensor
     lobe: Tensor
+
+
+@dataclass(frozen=True)
+class MergedEntries(BlockLobes):
+    """The lobes of blocks without their weights.
+
+    Attributes:
+        entry: entries of the texture that are merged, `[E]`.
+        place: n times the merged entry of each of them, plus its corner, `[E]`.
+    """
+
     entry: Tensor
     place: Tensor
 
@@ -66,8 +75,8 @@ class MergedEntries:
         """Merges the lobes of each block.
 
         Args:
-            texel: the four texels of each block, `[B, 4]`.
-            counts: whether a texel is needed, `[B, 4]` bool; the lobes of others are left out.
+            texel: the n texels of each block, `[B, n]`.
+            counts: whether a texel is needed, `[B, n]` bool; the lobes of others are left out.
                 None: all are.
             offset, index: of the entries of the texture, as in `SparseWeights`.
         """
@@ -94,20 +103,13 @@ class MergedEntries:
 
 
 @dataclass(frozen=True)
-class TexelBlocks:
-    """The blocks in which some queries lie.
+class TexelBlocks(BlockLobes):
+    """The lobes of blocks with their weights.
 
     Attributes:
-        texel: the four texels of each block, `[B, 4]`.
-        start, count: first entry and number of entries of each block, `[B]`.
-        lobe: lobe of each entry, `[M]`.
-        weight: alpha of each entry in the four texels, `[M, 4, C]`.
+        weight: alpha of each entry in the texels of its block, `[M, n, C]`.
     """
 
-    texel: Tensor
-    start: Tensor
-    count: Tensor
-    lobe: Tensor
     weight: Tensor
 
     @classmethod

@@ -1,9 +1,9 @@
 """Mitsuba with the plug-in `spmm`: `python -m tests.benchmarks.mitsuba_plugin [RUN]`.
 
-Seconds of all cores for a sphere of 256 x 256 pixels at 64 samples under an environment, against
-`diffuse` and `principled` in the same scene, with four texels a lookup and with one; and the relative error of the converged picture
-against our renderer, under three directional lights. Of a planted model of 64 x 64 texels with 6
-lobes each, or of a run.
+Seconds of all cores for a sphere of 256 x 256 pixels at 64 samples under an environment, with four
+texels a lookup and with one, against `diffuse` and `principled` in the same scene; and the relative
+error of the converged picture against our renderer, under three directional lights. Of a planted
+model of 64 x 64 texels with 6 lobes each, or of a run.
 """
 
 from __future__ import annotations
