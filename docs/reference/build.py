@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import importlib
+import inspect
 import pkgutil
+import sys
 import warnings
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pdoc
 
@@ -49,9 +53,34 @@ def load(names: Iterable[str]) -> None:
             setattr(module, public, getattr(module, public))
 
 
+def resolve_constructors(names: Iterable[str]) -> None:
+    """Evaluates the annotations of constructors of dataclasses where their fields are written.
+
+    pdoc evaluates them where the class is, which need not import what its base classes name.
+    """
+    for name in names:
+        for found in list(vars(importlib.import_module(name)).values()):
+            if isinstance(found, type) and dataclasses.is_dataclass(found):
+                constructor = found.__init__.__annotations__
+                for owner in found.__mro__[1:]:
+                    known = vars(sys.modules[owner.__module__])
+                    for field in inspect.get_annotations(owner).keys() & constructor.keys():
+                        if isinstance(constructor[field], str):
+                            constructor[field] = evaluated(constructor[field], known)
+
+
+def evaluated(annotation: str, known: dict[str, Any]) -> Any:
+    """What an annotation names, or the annotation itself where that is known to checkers alone."""
+    try:
+        return eval(annotation, known)  # of our own source
+    except NameError:
+        return annotation
+
+
 def build(output: Path) -> None:
     """Writes a page for each module, an index and a search; any warning is an error."""
     load(module_names())
+    resolve_constructors(module_names())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", HARMLESS)

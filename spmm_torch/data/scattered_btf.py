@@ -6,7 +6,7 @@ of one pair, is refused in one sentence; what needs samples only goes list by li
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator  # noqa: F401  (annotations of the constructor)
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NoReturn
@@ -16,7 +16,6 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from ..config.fit import DataConfig  # noqa: F401  (likewise)
 from ..errors import DataError
 from ..geometry.relief import HeightField
 from .arrays import array_hash

@@ -18,6 +18,12 @@ from .libraries import dr, mi
 
 # Least divisor: the smallest normal number of float32.
 SMALLEST = 2.0**-126
+# Bits of a number in [0, 1), and those of a hash beyond them.
+MANTISSA, UNUSED_BITS = 24, 8
+# Odd factor by which two numbers that are equal differ in a hash: 2^32 over the golden ratio.
+MIXER = 0x9E3779B1
+# Bits that a whole number has.
+WORD = 0xFFFFFFFF
 
 
 def is_jit() -> bool:
@@ -70,6 +76,8 @@ def row(source: Any, index: Any, count: int) -> list[Any]:
     """Row `index` of a table of `count` numbers a row; powers of two are read at once."""
     if not is_jit():
         return [source[count * index + n] for n in range(count)]
+    if count == 1:
+        return [one(source, index)]
     kind = dr.replace_type_t(mi.ArrayXf, dr.type_v(source))
     return list(dr.gather(kind, source, index, shape=(count, dr.width(index))))
 
@@ -81,6 +89,14 @@ def columns(source: Any, index: Any, count: int, chosen: Iterable[int]) -> list[
     """
     first = count * index
     return [one(source, first + column) for column in chosen]
+
+
+def drawn(*numbers: Any) -> tuple[Any, Any]:
+    """Two numbers in [0, 1) that look random: a hash of the bits of four numbers [ZOC10]."""
+    first, second, third, fourth = (_bits(number) for number in numbers)
+    mixed = (first ^ (third * MIXER) & WORD, second ^ (fourth * MIXER) & WORD)
+    hashed = mi.sample_tea_32(*mixed)
+    return tuple(mi.Float(number >> UNUSED_BITS) * 2.0**-MANTISSA for number in hashed)
 
 
 def one(source: Any, index: Any) -> Any:
@@ -111,6 +127,13 @@ def branch(condition: Any, function: Callable[..., Any], otherwise: Any, *given:
 
     mode = "symbolic" if is_jit() else "scalar"
     return dr.if_stmt((otherwise, *given), condition, taken, passed, mode=mode)[0]
+
+
+def _bits(x: Any) -> Any:
+    """The bits of a number."""
+    if is_jit():
+        return dr.reinterpret_array(mi.UInt32, dr.detach(x))
+    return int(np.float32(x).view(np.uint32))
 
 
 def _flat(values: Tensor | np.ndarray, kind: type) -> np.ndarray:

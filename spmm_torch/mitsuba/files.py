@@ -2,11 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import OutputError
+from ..errors import ConfigError, OutputError
 from .libraries import mi
+
+
+def given_name(properties: Any, key: str, plugin: str, names: Sequence[str]) -> str:
+    """What a property says, one of some names; the first of them where there is none.
+
+    Args:
+        properties: of the plug-in.
+        key: of the property.
+        plugin: its name.
+        names: that are possible.
+
+    Raises:
+        ConfigError: it is none of them.
+    """
+    given = properties[key] if key in properties else names[0]
+    if given not in names:
+        raise ConfigError(
+            f"{key} of the bsdf {plugin} is {given!r}; expected {' or '.join(names)}; choose one."
+        )
+    return str(given)
 
 
 def given_path(properties: Any, plugin: str, expected: str) -> Path:

@@ -14,6 +14,8 @@ from .libraries import dr, mi
 
 # Numbers of a cell: its matrix, whether its third corner has a value, and its corners.
 CELL = 16
+# Three measured directions around another, and their weights.
+Around = tuple[list[Any], list[Any]]
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Mesh:
             mesh.covers,
         )
 
-    def around(self, w: Any) -> tuple[list[Any], list[Any]]:
+    def around(self, w: Any) -> Around:
         """Three measured directions around w, and their weights, which sum to 1.
 
         Of directions under the horizon they are numbers without a meaning.
@@ -128,22 +130,10 @@ class Pairs:
     PARTS: ClassVar = 12
 
     @classmethod
-    def around(
-        cls, light: Mesh, view: Mesh, lights: Sequence[tuple[Any, Any]], wo: Any
-    ) -> list[Pairs]:
-        """The pairs around wo and each wi, with weights times a factor.
-
-        Args:
-            light, view: meshes of the measured directions.
-            lights: (wi, factor) of each query.
-            wo: the view of all of them.
-        """
-        views, view_weights = view.around(wo)
-        found = []
-        for wi, factor in lights:
-            near, weights = light.around(wi)
-            found.append(cls(light.count, views, near, view_weights, [n * factor for n in weights]))
-        return found
+    def build(cls, count: int, lights: Around, views: Around, factor: Any) -> Pairs:
+        """The pairs of lights, of `count` measured ones, and views, with weights times a factor."""
+        weights = [weight * factor for weight in lights[1]]
+        return cls(count, views[0], lights[0], views[1], weights)
 
     def parts(self) -> tuple[Any, ...]:
         """All numbers, for the state of a loop."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,19 +15,37 @@ from ..errors import DataError
 from ..model.components import Components
 from ..model.spmm import SPMM
 from . import mixture, tables
-from .arrays import SMALLEST, index_array, is_jit, tensor
-from .hemisphere import Mesh, Pairs
+from .arrays import SMALLEST, drawn, index_array, is_jit, tensor
+from .hemisphere import Around, Mesh, Pairs
 from .libraries import dr, mi
 from .lobe import Lobes
 from .ray_walk import Walk
-from .residual import ByteResidual, Clusters, RankResidual, Residual, epsilons
-from .texels import block_at, block_corners
+from .residual import ByteResidual, Clusters, RankResidual, Residual, epsilon
+from .texels import block_at, block_corners, texel_drawn
 
 # Parameters that the sampler follows through the model in torch.
 OF_LOBES = ("weight", "kappa", "normal", "angle")
 
-# A block of 2 x 2 texels, and their bilinear weights.
-Place = tuple[Any, list[Any]]
+# How texels are looked up between their centres.
+BILINEAR, STOCHASTIC = "bilinear", "stochastic"
+FILTERS = (BILINEAR, STOCHASTIC)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a view shows at a place.
+
+    Attributes:
+        place: a block of texels, and their weights.
+        wo: the view as it is shown.
+        chances: the probabilities with which lobes are sampled.
+        views: the measured views around it, and their weights.
+    """
+
+    place: mixture.Place
+    wo: Any
+    chances: mixture.Shares
+    views: Around
 
 
 class Material:
@@ -37,7 +56,7 @@ class Material:
         parameters: tensors of the variant by name, with gradients where these are enabled.
     """
 
-    def __init__(self, model: SPMM) -> None:
+    def __init__(self, model: SPMM, texels: str = BILINEAR) -> None:
         if model.weight.shape[1] not in (1, 3):
             raise DataError(
                 f"the model {model.name!r} has {model.weight.shape[1]} channels; expected 1 or 3, "
@@ -45,7 +64,10 @@ class Material:
             )
         self.model = model
         self.parameters = {name: tensor(value) for name, value in _numbers(model).items()}
-        corners = block_corners(model.height, model.width, model.rule)
+        corners = torch.arange(model.texel_count)[:, None]
+        if texels == BILINEAR:
+            corners = block_corners(model.height, model.width, model.rule)
+        self._filter = texels
         self._corners = corners
         self._merged = tables.Merged.build(corners, model)
         pairs = model.residual.pairs
@@ -98,41 +120,39 @@ class Material:
                 )
         return model
 
-    def place(self, uv: Any, wo: Any) -> Place:
-        """(block, bilinear weights) that the view wo shows at uv of the plane; v runs up."""
-        if self._walk is not None:
-            uv = self._walk.hit(uv, self._held(wo))
-        return block_at(uv, self.model.height, self.model.width, self.model.rule)
+    def seen(self, uv: Any, wo: Any) -> Seen:
+        """What the view wo shows at uv of the plane; v runs up."""
+        held = self._held(wo)
+        place = self._place(uv, held)
+        chances = mixture.shares(self._sampled, self._specular, self._group, place, dr.detach(held))
+        return Seen(place, held, chances, self._view.around(held))
 
-    def evaluated(
-        self, place: Place, chances: mixture.Shares | None, lights: Sequence[Any], wo: Any
-    ) -> tuple[list[Any], list[Any]]:
-        """(cosine-weighted RGB [WDR11 Eq. 2], density of `sample` in 1/sr) at each wi.
+    def evaluated(self, seen: Seen, wi: Any) -> tuple[Any, Any]:
+        """(cosine-weighted RGB [WDR11 Eq. 2], density of `sample` in 1/sr) at wi.
 
-        Both are 0 under the horizon; densities have no meaning without chances.
+        Both are 0 under the horizon.
         """
-        wo = self._held(wo)
-        total, densities = mixture.evaluated(
-            self._lobes, self._entries, self._weights, place, chances, lights, wo
+        total, density = mixture.evaluated(
+            self._lobes, self._entries, self._weights, seen.place, seen.chances, wi, seen.wo
         )
         if not self._residuals:
-            return total, densities
-        faded = [
-            (wi, dr.select(wo.z > 0.0, dr.clip(wi.z / self._lowest, 0.0, 1.0), 0.0))
-            for wi in lights
-        ]
-        pairs = Pairs.around(self._light, self._view, faded, wo)
-        rest = epsilons(self._residuals, *place, pairs)
-        return [colour + part for colour, part in zip(total, rest, strict=True)], densities
+            return total, density
+        fade = dr.select(seen.wo.z > 0.0, dr.clip(wi.z / self._lowest, 0.0, 1.0), 0.0)
+        pairs = Pairs.build(self._light.count, self._light.around(wi), seen.views, fade)
+        return total + epsilon(self._residuals, *seen.place, pairs), density
 
-    def shares(self, place: Place, wo: Any) -> mixture.Shares:
-        """The probabilities with which lobes are sampled at a place."""
-        return mixture.shares(self._sampled, self._specular, self._group, place, self._held(wo))
-
-    def sample(self, place: Place, chances: mixture.Shares, wo: Any, u: Sequence[Any]) -> Any:
+    def sample(self, seen: Seen, u: Sequence[Any]) -> Any:
         """wi in the upper hemisphere of three numbers u in [0, 1)."""
-        held = self._held(wo)
-        return mixture.sample(self._sampled, self._specular, place[0], chances, held, u)
+        wo = dr.detach(seen.wo)
+        return mixture.sample(self._sampled, self._specular, seen.place[0], seen.chances, wo, u)
+
+    def _place(self, uv: Any, wo: Any) -> mixture.Place:
+        """(block, weights of its texels) that the view wo shows at uv of the plane."""
+        at = uv if self._walk is None else self._walk.hit(uv, wo)
+        shape = self.model.height, self.model.width, self.model.rule
+        if self._filter == BILINEAR:
+            return block_at(at, *shape)
+        return texel_drawn(at, *shape, drawn(uv.x, uv.y, wo.x, wo.y)), [mi.Float(1.0)]
 
     def _held(self, wo: Any) -> Any:
         """The view as it is shown: the twin of `geometry.grazing.held_view`."""

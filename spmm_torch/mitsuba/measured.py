@@ -6,6 +6,7 @@ Values between measured directions and texels are those of `render.BTFMaterial`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from ..geometry.hemisphere import HemisphereInterpolation
 from ..runtime.memory import slices
 from .arrays import SMALLEST, float_array, half_array, index_array, loop, one, row
 from .brdf.warp import cosine_pdf, square_to_cosine_hemisphere
-from .hemisphere import Mesh, Pairs
+from .hemisphere import Around, Mesh, Pairs
 from .libraries import dr, mi
 from .texels import block_at, block_corners
 
@@ -31,6 +32,23 @@ MOST_VALUES = (1 << 32) - 1
 DECODED_VALUES = 1 << 24
 # (texel, pair) that a lookup mixes: four times nine.
 MIXED = 36
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a view shows at a place.
+
+    Attributes:
+        block: of texels.
+        weights: of its four texels, bilinear.
+        wo: view.
+        views: the measured views around it, and their weights.
+    """
+
+    block: Any
+    weights: Sequence[Any]
+    wo: Any
+    views: Around
 
 
 class Measured:
@@ -57,28 +75,27 @@ class Measured:
     def update(self, names: Sequence[str] = ()) -> None:
         """Nothing to do."""
 
-    def place(self, uv: Any, wo: Any) -> tuple[Any, list[Any]]:
-        """(block of texels, bilinear weights) at uv, v up."""
-        return block_at(uv, self.rows, self.columns, REPEAT)
+    def seen(self, uv: Any, wo: Any) -> Seen:
+        """What the view wo shows at uv, v up."""
+        block, weights = block_at(uv, self.rows, self.columns, REPEAT)
+        return Seen(block, weights, wo, self.view.around(wo))
 
-    def evaluated(
-        self, place: tuple[Any, list[Any]], chances: Any, lights: Sequence[Any], wo: Any
-    ) -> tuple[list[Any], list[Any]]:
-        """(cosine-weighted RGB, density of `sample`) at each wi; 0 under the horizon."""
-        return [self._value(*place, wi, wo) for wi in lights], [cosine_pdf(wi) for wi in lights]
+    def evaluated(self, seen: Seen, wi: Any) -> tuple[Any, Any]:
+        """(cosine-weighted RGB, density of `sample`) at wi; 0 under the horizon."""
+        return self._value(seen, wi), cosine_pdf(wi)
 
-    def _value(self, block: Any, weights: Sequence[Any], wi: Any, wo: Any) -> Any:
-        """RGB of a block whose texels have bilinear weights."""
-        lit = (wi.z > 0.0) & (wo.z > 0.0)
+    def _value(self, seen: Seen, wi: Any) -> Any:
+        """RGB at wi."""
+        lit = (wi.z > 0.0) & (seen.wo.z > 0.0)
         fade = dr.select(lit, dr.minimum(wi.z / self.lowest, 1.0), 0.0)
-        (pairs,) = Pairs.around(self.light, self.view, [(wi, fade)], wo)
+        pairs = Pairs.build(self.light.count, self.light.around(wi), seen.views, fade)
         share = self._missing_share(pairs)
 
         def add(n: Any, red: Any, green: Any, blue: Any) -> tuple[Any, ...]:
             corner = n // Pairs.COUNT
             pair, weight = pairs.of(n - Pairs.COUNT * corner)
-            texel = one(self.corners, 4 * block + corner)
-            weight *= share * _chosen(corner, weights)
+            texel = one(self.corners, 4 * seen.block + corner)
+            weight *= share * _chosen(corner, seen.weights)
             if self.measured is not None:
                 weight *= one(self.measured, pair)
             values = self._pixel(texel * self.pairs + pair)
@@ -88,10 +105,7 @@ class Measured:
         start = (dr.select(lit, mi.UInt32(0), mi.UInt32(MIXED)), *(mi.Float(0.0),) * 3)
         return mi.Color3f(*loop(start, lambda n, *_: n < MIXED, add)[1:])
 
-    def shares(self, place: Any, wo: Any) -> None:
-        """Nothing: the cosine samples all views alike."""
-
-    def sample(self, place: Any, chances: Any, wo: Any, u: Sequence[Any]) -> Any:
+    def sample(self, seen: Seen, u: Sequence[Any]) -> Any:
         """wi by the cosine, of the last two of three numbers."""
         return square_to_cosine_hemisphere(u[1:])
 

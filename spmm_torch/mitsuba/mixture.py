@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..model.sampling import CODE_MAX
-from .arrays import columns, loop, one
+from .arrays import loop, one, row
 from .brdf import Twin
 from .brdf.warp import cosine_pdf, square_to_cosine_hemisphere
 from .libraries import dr, mi
 from .lobe import Lobe, Lobes, density, raised
 
-# Numbers of an entry of a block: three channels of four texels.
-WEIGHTS = 12
+# A block of texels, and their weights.
+Place = tuple[Any, Sequence[Any]]
 
 
 @dataclass(frozen=True)
@@ -63,35 +63,31 @@ def evaluated(
     lobes: Lobes,
     entries: Entries,
     numbers: Any,
-    place: tuple[Any, Sequence[Any]],
-    chances: Shares | None,
-    lights: Sequence[Any],
+    place: Place,
+    chances: Shares,
+    wi: Any,
     wo: Any,
-) -> tuple[list[Any], list[Any]]:
-    """The sum over lobes in Eq. 2 [WDR11], RGB, and the density of `sample` in 1/sr, of each wi.
+) -> tuple[Any, Any]:
+    """(the sum over lobes in Eq. 2 [WDR11], RGB; the density of `sample` in 1/sr) at wi.
 
     Both are 0 where wi or wo is under the horizon of the texel.
 
     Args:
         lobes, entries: of the model, by BRDF.
-        numbers: weights of the entries, `[M, 3, 4]`.
-        place: a block, and the bilinear weights of its texels.
-        chances: of `sample` at this place; None for values alone.
-        lights: one or more wi.
+        numbers: weights of the entries, `[M, 3, n]`.
+        place: a block, and the weights of its texels.
+        chances: of `sample` at this place.
+        wi: light.
         wo: view.
     """
-    totals = tuple(mi.Float(0.0) for _ in range(4 * len(lights)))
-    corner = chances.corner if chances is not None else ()
+    totals = tuple(mi.Float(0.0) for _ in range(4))
+    corner = chances.corner
     for group in range(len(entries.used)):
         if entries.used[group]:
-            totals = _with_group(lobes, entries, numbers, group, totals, place, corner, lights, wo)
-    colours, densities = [], []
-    for n, wi in enumerate(lights):
-        above = (wi.z > 0.0) & (wo.z > 0.0)
-        colours.append(dr.select(above, mi.Color3f(*totals[3 * n : 3 * n + 3]), 0.0))
-        cosine = 0.0 if chances is None else chances.cosine * cosine_pdf(dr.detach(wi))
-        densities.append(dr.select(above, totals[3 * len(lights) + n] + cosine, 0.0))
-    return colours, densities
+            totals = _with_group(lobes, entries, numbers, group, totals, place, corner, wi, wo)
+    above = (wi.z > 0.0) & (wo.z > 0.0)
+    density = dr.select(above, totals[3] + chances.cosine * cosine_pdf(dr.detach(wi)), 0.0)
+    return dr.select(above, mi.Color3f(*totals[:3]), 0.0), density
 
 
 def _with_group(
@@ -100,63 +96,59 @@ def _with_group(
     numbers: Any,
     group: int,
     totals: tuple[Any, ...],
-    place: tuple[Any, Sequence[Any]],
+    place: Place,
     corner: tuple[Any, ...],
-    lights: Sequence[Any],
+    wi: Any,
     wo: Any,
 ) -> tuple[Any, ...]:
-    """`totals`, RGB of each wi and then densities, with the entries of a group; see `evaluated`.
+    """`totals`, RGB and density, with the entries of a group; see `evaluated`.
 
     All that has gradients is part of the state of the loop, and sums are added after it: no loop
     may add to what has gradients before it.
     """
-    (block, weights), twin, sums = place, lobes.twins[group // 2], len(totals)
+    (block, weights), twin = place, lobes.twins[group // 2]
     sampled = bool(corner) and group % 2 == 1
 
     def add(entry: Any, *state: Any) -> tuple[Any, ...]:
-        total, wo, weights, lights = state[:sums], state[sums], state[-4:], state[sums + 1 : -4]
+        total, wi, wo, weights = state[:4], state[4], state[5], state[6:]
         lobe = lobes.of(one(entries.lobe, entry))
-        wi, view = [lobe.local(light) for light in lights], lobe.local(wo)
-        alpha = _channels(columns(numbers, entry, WEIGHTS, range(WEIGHTS)), weights)
-        rho = [lobes.rho(twin, lobe, *each, view) for each in zip(lights, wi, strict=True)]
-        parts = [r * a for r in rho for a in alpha]
-        parts += [0.0 for _ in lights]
+        light, view = lobe.local(wi), lobe.local(wo)
+        rho = lobes.rho(twin, lobe, wi, light, view)
+        parts = [rho * alpha for alpha in _channels(numbers, entry, weights)]
+        mass = 0.0
         if sampled:
             codes = one(entries.codes, entry)
-            parts[3 * len(lights) :] = _densities(twin, lobe, codes, corner, lights, wi, wo, view)
-        more = (t + part for t, part in zip(total, parts, strict=True))
-        return entry + 1, *more, wo, *lights, *weights
+            mass = _density(twin, lobe, codes, corner, wi, light, wo, view)
+        more = (t + part for t, part in zip(total, (*parts, mass), strict=True))
+        return entry + 1, *more, wi, wo, *weights
 
     entry, end = entries.of(block, group)
-    lit = (wo.z > 0.0) & _any([wi.z > 0.0 for wi in lights])
+    lit = (wo.z > 0.0) & (wi.z > 0.0)
     apart = dr.grad_enabled(totals)
     before = tuple(mi.Float(0.0) for _ in totals) if apart else totals
-    start = (dr.select(lit, entry, end), *before, wo, *lights, *weights)
-    after = loop(start, lambda entry, *_: entry < end, add)[1 : 1 + sums]
+    start = (dr.select(lit, entry, end), *before, wi, wo, *weights)
+    after = loop(start, lambda entry, *_: entry < end, add)[1:5]
     return tuple(t + part for t, part in zip(totals, after, strict=True)) if apart else after
 
 
-def _densities(
+def _density(
     twin: Twin,
     lobe: Lobe,
     codes: Any,
     corner: Sequence[Any],
-    lights: Sequence[Any],
-    wi: Sequence[Any],
+    wi: Any,
+    light: Any,
     wo: Any,
     view: Any,
-) -> list[Any]:
-    """What a lobe adds to the density of each wi: local `wi` and `view` of `lights` and `wo`."""
-    lobe, wo, view = lobe.detached(), dr.detach(wo), raised(dr.detach(view))
-    seen = dr.select(dr.dot(lobe.normal, wo) > 0.0, codes, 0)
-    mass = _mixed(_bytes(seen), corner)
-    pairs = ((dr.detach(light), dr.detach(local)) for light, local in zip(lights, wi, strict=True))
-    return [mass * density(twin, lobe, *pair, view) for pair in pairs]
+) -> Any:
+    """What a lobe adds to the density of wi: local `light` and `view` of `wi` and `wo`."""
+    lobe, view = lobe.detached(), raised(dr.detach(view))
+    seen = dr.select(dr.dot(lobe.normal, dr.detach(wo)) > 0.0, codes, 0)
+    mass = _mixed(_bytes(seen, len(corner)), corner)
+    return mass * density(twin, lobe, dr.detach(wi), dr.detach(light), view)
 
 
-def shares(
-    lobes: Lobes, entries: Entries, group: Any, place: tuple[Any, Sequence[Any]], wo: Any
-) -> Shares:
+def shares(lobes: Lobes, entries: Entries, group: Any, place: Place, wo: Any) -> Shares:
     """The probabilities of specular entries [WDR11 Eq. 9] that see the view wo.
 
     Args:
@@ -172,17 +164,18 @@ def shares(
     entry, end = entries.of(block)
 
     def add(entry: Any, *totals: Any) -> tuple[Any, ...]:
-        codes = _seen_codes(lobes, entries, entry, wo)
+        codes = _seen_codes(lobes, entries, entry, wo, len(weights))
         return entry + 1, *(t + code for t, code in zip(totals, codes, strict=True))
 
-    start = (entry, *(mi.Float(0.0) for _ in range(4)))
+    start = (entry, *(mi.Float(0.0) for _ in weights))
     totals = loop(start, lambda entry, *_: entry < end, add)[1:]
+    groups = _bytes(one(group, block), len(weights))
     masses = [
         dr.select(total > 0.0, weight * code * (1.0 / CODE_MAX), 0.0)
-        for total, weight, code in zip(totals, weights, _bytes(one(group, block)), strict=True)
+        for total, weight, code in zip(totals, weights, groups, strict=True)
     ]
     corner = tuple(m / dr.maximum(t, 1.0) for m, t in zip(masses, totals, strict=True))
-    return Shares(corner, 1.0 - (masses[0] + masses[1] + masses[2] + masses[3]))
+    return Shares(corner, 1.0 - sum(masses))
 
 
 def sample(
@@ -204,7 +197,8 @@ def sample(
     entry, end = entries.of(block)
 
     def passed(entry: Any, left: Any, mass: Any, found: Any) -> tuple[Any, ...]:
-        mass = _mixed(_seen_codes(lobes, entries, entry, wo), chances.corner)
+        codes = _seen_codes(lobes, entries, entry, wo, len(chances.corner))
+        mass = _mixed(codes, chances.corner)
         found = left < mass
         return dr.select(found, entry, entry + 1), dr.select(found, left, left - mass), mass, found
 
@@ -216,30 +210,24 @@ def sample(
     return dr.select(found, lobes.sample(chosen, wo, (share, *u[1:])), wi)
 
 
-def _seen_codes(lobes: Lobes, entries: Entries, entry: Any, wo: Any) -> list[Any]:
-    """The codes of an entry in the four texels; 0 where the lobe does not see the view wo."""
+def _seen_codes(lobes: Lobes, entries: Entries, entry: Any, wo: Any, texels: int) -> list[Any]:
+    """The codes of an entry in the texels of a block; 0 where the lobe does not see the view wo."""
     seen = lobes.sees(one(entries.lobe, entry), wo)
-    return _bytes(dr.select(seen, one(entries.codes, entry), 0))
+    return _bytes(dr.select(seen, one(entries.codes, entry), 0), texels)
 
 
-def _bytes(word: Any) -> list[Any]:
-    """The four bytes of a word."""
-    return [mi.Float((word >> shift) & 255) for shift in (0, 8, 16, 24)]
+def _bytes(word: Any, count: int) -> list[Any]:
+    """The first bytes of a word."""
+    return [mi.Float((word >> shift) & 255) for shift in range(0, 8 * count, 8)]
 
 
-def _channels(numbers: Sequence[Any], weights: Sequence[Any]) -> list[Any]:
-    """RGB of the twelve numbers of an entry, by the bilinear weights of four texels."""
-    return [_mixed(numbers[4 * c : 4 * c + 4], weights) for c in range(3)]
+def _channels(numbers: Any, entry: Any, weights: Sequence[Any]) -> list[Any]:
+    """RGB of an entry, by the weights of the texels of its block."""
+    texels = len(weights)
+    rows = (row(numbers, 3 * entry + channel, texels) for channel in range(3))
+    return [_mixed(each, weights) for each in rows]
 
 
 def _mixed(numbers: Sequence[Any], weights: Sequence[Any]) -> Any:
-    """The sum of four numbers with four weights."""
+    """The sum of numbers with weights."""
     return sum(n * w for n, w in zip(numbers, weights, strict=True))
-
-
-def _any(masks: Sequence[Any]) -> Any:
-    """Whether one of some conditions holds."""
-    found = masks[0]
-    for mask in masks[1:]:
-        found = found | mask
-    return found

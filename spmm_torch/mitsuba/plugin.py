@@ -24,24 +24,15 @@ class Reflector(Protocol):
         """Takes parameters that have changed; none: all."""
         ...
 
-    def place(self, uv: Any, wo: Any) -> Any:
-        """What the view shows at uv of the texture, v up."""
+    def seen(self, uv: Any, wo: Any) -> Any:
+        """What the view shows at uv of the texture, v up: all that no light decides."""
         ...
 
-    def evaluated(
-        self, place: Any, chances: Any, lights: Sequence[Any], wo: Any
-    ) -> tuple[list[Any], list[Any]]:
-        """(cosine-weighted RGB, density of `sample` in 1/sr) at each wi; 0 under the horizon.
-
-        Without chances, None, densities have no meaning.
-        """
+    def evaluated(self, seen: Any, wi: Any) -> tuple[Any, Any]:
+        """(cosine-weighted RGB, density of `sample` in 1/sr) at wi; 0 under the horizon."""
         ...
 
-    def shares(self, place: Any, wo: Any) -> Any:
-        """What `sample` and densities need of a view."""
-        ...
-
-    def sample(self, place: Any, chances: Any, wo: Any, u: Sequence[Any]) -> Any:
+    def sample(self, seen: Any, u: Sequence[Any]) -> Any:
         """wi over the horizon of three numbers in [0, 1)."""
         ...
 
@@ -70,33 +61,32 @@ def bsdf_class(name: str, load: Callable[[Any], Reflector]) -> type[Any]:
                 | flags.FrontSide
             )
             self.m_components = [self.m_flags]
+            self._kept: tuple[Any, _Query] | None = None
 
         def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            query = _Query(self, ctx, si, active)
-            return query.evaluated([query.frame.local(wo)])[0][0]
+            return self.eval_pdf(ctx, si, wo, active)[0]
 
         def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            query = _Query(self, ctx, si, active)
-            return query.evaluated([query.frame.local(wo)])[1][0]
+            return self.eval_pdf(ctx, si, wo, active)[1]
 
         def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
-            query = _Query(self, ctx, si, active)
-            (value,), (density,) = query.evaluated([query.frame.local(wo)])
-            return value, density
+            query = self._query(ctx, si, active)
+            found = query.evaluated(query.frame.local(wo))
+            if dr.flag(dr.JitFlag.SymbolicScope):
+                self._kept = _state(ctx, si, active), query
+            return found
 
         def sample(self, ctx: Any, si: Any, first: Any, others: Any, active: Any = True) -> Any:
-            query = _Query(self, ctx, si, active)
+            query = self._query(ctx, si, active)
             drawn = query.drawn(first, others)
-            (value,), (density,) = query.evaluated([drawn])
-            return query.sample(drawn, value, density)
+            return query.sample(drawn, *query.evaluated(drawn))
 
-        def eval_pdf_sample(
-            self, ctx: Any, si: Any, wo: Any, first: Any, others: Any, active: Any = True
-        ) -> Any:
-            query = _Query(self, ctx, si, active)
-            drawn = query.drawn(first, others)
-            values, densities = query.evaluated([query.frame.local(wo), drawn])
-            return values[0], densities[0], *query.sample(drawn, values[1], densities[1])
+        def _query(self, ctx: Any, si: Any, active: Any) -> _Query:
+            """The query of a point and view: that of `eval_pdf` where `sample` follows on it."""
+            kept, self._kept = self._kept, None
+            if kept is not None and kept[0] == _state(ctx, si, active):
+                return kept[1]
+            return _Query(self, ctx, si, active)
 
         def traverse(self, callback: Any) -> None:
             for key, value in self.reflector.parameters.items():
@@ -112,7 +102,7 @@ def bsdf_class(name: str, load: Callable[[Any], Reflector]) -> type[Any]:
 
 
 class _Query:
-    """A BSDF at one point and view; what its place and its sampler need is found once.
+    """A BSDF at one point and view; what no light decides is found once.
 
     Directions are those of the frame of the texture.
     """
@@ -128,25 +118,21 @@ class _Query:
         self.wo = dr.select(valid, wo, mi.Vector3f(0.0, 0.0, 1.0))
         enabled = ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0)
         self.active = active & valid & (si.wi.z > 0.0) & enabled
-        self.place = self.reflector.place(self.uv, self.wo)
-        self._shares: Any = None
+        self.seen = self.reflector.seen(self.uv, self.wo)
 
-    def evaluated(self, lights: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-        """(RGB, density of `drawn`) of each wi."""
-        lights, chances = [_valid(wi) for wi in lights], self._chances()
-        values, densities = self.reflector.evaluated(self.place, chances, lights, self.wo)
+    def evaluated(self, wi: Any) -> tuple[Any, Any]:
+        """(RGB, density of `drawn`) of wi."""
+        wi = _valid(wi)
+        value, density = self.reflector.evaluated(self.seen, wi)
         if self.from_light:
-            values = [self._turned(wi) for wi in lights]
-        above = [self.active & (wi.z > 0.0) for wi in lights]
-        return (
-            [dr.select(*each, mi.Color3f(0.0)) for each in zip(above, values, strict=True)],
-            [dr.select(*each, mi.Float(0.0)) for each in zip(above, densities, strict=True)],
-        )
+            value = self._turned(wi)
+        above = self.active & (wi.z > 0.0)
+        return dr.select(above, value, mi.Color3f(0.0)), dr.select(above, density, mi.Float(0.0))
 
     def drawn(self, first: Any, others: Any) -> Any:
         """wi of the numbers of Mitsuba."""
         u = (first, others.x, others.y)
-        return dr.detach(self.reflector.sample(self.place, self._chances(), dr.detach(self.wo), u))
+        return dr.detach(self.reflector.sample(self.seen, u))
 
     def sample(self, wi: Any, value: Any, density: Any) -> tuple[Any, Any]:
         """The sample of Mitsuba of a wi drawn, and its value over its density."""
@@ -160,17 +146,21 @@ class _Query:
         weight = value / dr.select(possible, density, 1.0)
         return found, dr.select(possible, weight, mi.Color3f(0.0))
 
-    def _chances(self) -> Any:
-        """The probabilities of the sampler."""
-        if self._shares is None:
-            self._shares = self.reflector.shares(self.place, dr.detach(self.wo))
-        return self._shares
-
     def _turned(self, wi: Any) -> Any:
         """The value of light that comes from wo and goes to wi, for tracers of light."""
-        place = self.reflector.place(self.uv, wi)
-        (found,), _ = self.reflector.evaluated(place, None, [self.wo], wi)
+        found, _ = self.reflector.evaluated(self.reflector.seen(self.uv, wi), self.wo)
         return found * (wi.z / dr.maximum(self.wo.z, LEAST_COSINE))
+
+
+def _state(ctx: Any, si: Any, active: Any) -> tuple[Any, ...]:
+    """What two calls have in common if they ask for the same point and view, one after another.
+
+    Mitsuba's `eval_pdf_sample` calls `eval_pdf` and `sample` of a plug-in in Python. The scope is
+    another one as soon as a branch or a loop lies between two calls.
+    """
+    given = si.wi, si.uv, si.dp_du, si.dp_dv, si.sh_frame, mi.Bool(active)
+    backend = dr.backend_v(mi.Float)
+    return dr.detail.scope(backend), ctx.mode, ctx.type_mask, *dr.detail.collect_indices(given)
 
 
 def _valid(w: Any) -> Any:

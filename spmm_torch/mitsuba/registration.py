@@ -8,9 +8,9 @@ from typing import Any
 from ..data import load_btf
 from ..errors import ConfigError
 from ..model.spmm import SPMM
-from .files import given_path
+from .files import given_name, given_path
 from .libraries import mi
-from .material import Material
+from .material import FILTERS, Material
 from .measured import Measured
 from .plugin import Reflector, bsdf_class
 
@@ -42,7 +42,8 @@ def register() -> None:
 def _spmm(properties: Any) -> Reflector:
     """The model that a plug-in `spmm` names."""
     expected = "a run folder of spmm fit, or its model.safetensors"
-    return Material(SPMM.load(given_path(properties, "spmm", expected)))
+    path = given_path(properties, "spmm", expected)
+    return Material(SPMM.load(path), given_name(properties, "filter_type", "spmm", FILTERS))
 
 
 def _btf(properties: Any) -> Reflector:

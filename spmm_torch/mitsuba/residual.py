@@ -40,7 +40,7 @@ class Clusters:
 
     Attributes:
         values: `[K * D, 4]`, RGB and a number that is not used.
-        labels: clusters of the four texels of each block, `[T, 4]`.
+        labels: clusters of the n texels of each block, `[T, n]`.
         pairs: D.
     """
 
@@ -50,7 +50,8 @@ class Clusters:
 
     def mixed(self, block: Any, weights: Sequence[Any]) -> tuple[Any, ...]:
         """The first pairs of the clusters of a block, and the weights of its texels."""
-        return *(label * self.pairs for label in row(self.labels, block, 4)), *weights
+        labels = row(self.labels, block, len(weights))
+        return *(label * self.pairs for label in labels), *weights
 
     def of_view(self, view: Any, mixed: Sequence[Any]) -> Sequence[Any]:
         """The same for all views."""
@@ -58,7 +59,8 @@ class Clusters:
 
     def at(self, pair: Any, seen: Sequence[Any]) -> list[Any]:
         """RGB at a measured pair."""
-        texels = zip(seen[:4], seen[4:], strict=True)
+        texels = len(seen) // 2
+        texels = zip(seen[:texels], seen[texels:], strict=True)
         rows = [(row(self.values, first + pair, 4), weight) for first, weight in texels]
         return [sum(weight * values[c] for values, weight in rows) for c in range(3)]
 
@@ -70,7 +72,7 @@ class RankResidual:
     Attributes:
         functions: `[D, C, R']` with R' >= R, a multiple of `width`.
         coefficients: of the texels, `[T, R']`.
-        corners: texels of each block, `[T, 4]`.
+        corners: texels of each block, `[T, n]`.
         rank: R'.
         width: components that are read at once.
     """
@@ -84,7 +86,7 @@ class RankResidual:
     def mixed(self, block: Any, weights: Sequence[Any]) -> tuple[Any, ...]:
         """The coefficients of a block whose texels have bilinear weights."""
         total = [mi.Float(0.0)] * self.rank
-        for texel, weight in zip(row(self.corners, block, 4), weights, strict=True):
+        for texel, weight in zip(row(self.corners, block, len(weights)), weights, strict=True):
             numbers = self.numbers(self.coefficients, texel)
             total = [t + weight * n for t, n in zip(total, numbers, strict=True)]
         return tuple(total)
@@ -146,37 +148,21 @@ def _bytes(word: Any) -> list[Any]:
     return [mi.Float(dr.reinterpret_array(mi.Int32, each)) for each in raised]
 
 
-def epsilons(
-    kinds: Sequence[Residual], block: Any, weights: Sequence[Any], pairs: Sequence[Pairs]
-) -> list[Any]:
-    """The whole residual, RGB, of a block whose texels have bilinear weights.
-
-    Args:
-        kinds: residuals of the model.
-        block, weights: the place.
-        pairs: one or more queries of one view.
-    """
+def epsilon(kinds: Sequence[Residual], block: Any, weights: Sequence[Any], pairs: Pairs) -> Any:
+    """The whole residual, RGB, of a block whose texels have weights, between measured `pairs`."""
     mixed = [kind.mixed(block, weights) for kind in kinds]
     ends = [sum(map(len, mixed[:n])) for n in range(len(kinds) + 1)]
-    sums, parts = 3 * len(pairs), Pairs.PARTS * len(pairs)
 
     def add(n: Any, *state: Any) -> tuple[Any, ...]:
-        total, given, rest = list(state[:sums]), state[sums : sums + parts], state[sums + parts :]
-        near = [
-            each.with_parts(given[Pairs.PARTS * n : Pairs.PARTS * (n + 1)])
-            for n, each in enumerate(pairs)
-        ]
+        total, given, rest = list(state[:3]), state[3 : 3 + Pairs.PARTS], state[3 + Pairs.PARTS :]
+        near = pairs.with_parts(given)
         for kind, first, last in zip(kinds, ends, ends[1:], strict=False):
-            seen = kind.of_view(near[0].view[0], rest[first:last])
-            for query, each in enumerate(near):
-                for pair, weight in each.of_first_view():
-                    for c, value in enumerate(kind.at(pair, seen)):
-                        total[3 * query + c] += weight * value
-        turned = (number for each in near for number in each.turned().parts())
-        return n + 1, *total, *turned, *rest
+            seen = kind.of_view(near.view[0], rest[first:last])
+            for pair, weight in near.of_first_view():
+                values = kind.at(pair, seen)
+                total = [t + weight * value for t, value in zip(total, values, strict=True)]
+        return n + 1, *total, *near.turned().parts(), *rest
 
-    zeros = (mi.Float(0.0) for _ in range(sums))
-    given = (number for each in pairs for number in each.parts())
-    start = (mi.UInt32(0), *zeros, *given, *(number for part in mixed for number in part))
-    state = loop(start, lambda n, *_: n < Pairs.VIEWS, add)[1 : 1 + sums]
-    return [mi.Color3f(*state[3 * n : 3 * n + 3]) for n in range(len(pairs))]
+    zeros = (mi.Float(0.0) for _ in range(3))
+    start = (mi.UInt32(0), *zeros, *pairs.parts(), *(number for part in mixed for number in part))
+    return mi.Color3f(*loop(start, lambda n, *_: n < Pairs.VIEWS, add)[1:4])

@@ -51,7 +51,7 @@ def blocks(corners: Tensor, offset: Tensor, index: Tensor, codes: Tensor) -> Tex
     """The lobes of each block of texels, each once.
 
     Args:
-        corners: texels of each block, `[T, 4]`.
+        corners: texels of each block, `[T, n]`.
         offset, index, codes: entries of all texels, `[T + 1]`, `[n]` and `[n]`.
     """
     wanted = torch.ones_like(corners, dtype=torch.bool)
@@ -65,7 +65,7 @@ class Merged:
 
     Attributes:
         lobe, block, kind: of each entry, `[M]`; kind is a place among `models_in_use`.
-        place: where its weights stand among those of the parameter, `[M, 3, 4]`.
+        place: where its weights stand among those of the parameter, `[M, 3, n]`.
     """
 
     lobe: Tensor
@@ -75,20 +75,20 @@ class Merged:
 
     @classmethod
     def build(cls, corners: Tensor, model: SPMM) -> Merged:
-        """The entries of a model; `corners` are the texels of each block, `[T, 4]`."""
+        """The entries of a model; `corners` are the texels of each block, `[T, n]`."""
         entries, channels = model.weight.shape
         merged = blocks(corners, model.offset, model.index, torch.arange(1, entries + 1))
-        entry = merged.weight[:, None, :, 0].long() - 1  # [M, 1, 4]
+        entry = merged.weight[:, None, :, 0].long() - 1  # [M, 1, n]
         place = torch.where(entry >= 0, entry * channels + _channel(channels)[:, None], NONE)
         block = torch.repeat_interleave(merged.count)
         return cls(merged.lobe, block, kind_of_lobes(model)[merged.lobe], place)
 
     def codes(self, specular: TexelBlocks) -> Tensor:
-        """The codes of entries in the four texels, `[M, 4]` long; 0 where they are not sampled."""
+        """The codes of entries in their texels, `[M, n]` long; 0 where they are not sampled."""
         lobes = 1 + int(self.lobe.max()) if len(self.lobe) else 1
         key, order = torch.sort(self.block * lobes + self.lobe)  # each stands once
         sampled = torch.repeat_interleave(specular.count) * lobes + specular.lobe
-        codes = torch.zeros(len(key), 4, dtype=torch.long)
+        codes = torch.zeros(len(key), specular.texel.shape[1], dtype=torch.long)
         codes[order[torch.searchsorted(key, sampled)]] = specular.weight[..., 0].long()
         return codes
 
@@ -120,7 +120,7 @@ def specular_blocks(corners: Tensor, data: SamplingData) -> TexelBlocks:
     """The entries of each block that are sampled, with their codes as weights.
 
     Args:
-        corners: texels of each block, `[T, 4]`.
+        corners: texels of each block, `[T, n]`.
         data: of the model.
     """
     return blocks(corners, data.offset, data.index, data.gamma)
@@ -135,7 +135,7 @@ def specular_entries(specular: TexelBlocks) -> Entries:
 
 
 def group_codes(corners: Tensor, data: SamplingData) -> Any:
-    """Codes of the specular groups of the texels `[T, 4]` of each block, four bytes a word."""
+    """Codes of the specular groups of the texels `[T, n]` of each block, a byte each of a word."""
     return _word(data.group[corners].long())
 
 
@@ -227,8 +227,9 @@ def byte_words(components: Components) -> tuple[Any, Any, int]:
 
 
 def _word(codes: Tensor) -> Any:
-    """Four bytes `[n, 4]` as words `[n]`, the first one lowest."""
-    return index_array((codes.clamp(max=CODE_MAX) << torch.tensor((0, 8, 16, 24))).sum(dim=1))
+    """Up to four bytes `[M, n]` as words `[M]`, the first one lowest."""
+    shift = 8 * torch.arange(codes.shape[1])
+    return index_array((codes.clamp(max=CODE_MAX) << shift).sum(dim=1))
 
 
 def _channel(channels: int) -> Tensor:

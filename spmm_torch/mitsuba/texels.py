@@ -1,7 +1,11 @@
-"""The block of 2 x 2 texels around a place of the texture: the twin of `directions.texel_at`."""
+"""The texels around a place of the texture: the twin of `directions.texel_at`.
+
+All four of them with their bilinear weights, or one that is drawn by these weights [FWSP23].
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -13,18 +17,37 @@ from .libraries import dr, mi
 
 def block_at(uv: Any, rows: int, columns: int, rule: str) -> tuple[Any, list[Any]]:
     """(the first texel of the block around uv, v up, bilinear weights of its four texels)."""
-    column, row = uv.x * columns - 0.5, (1.0 - uv.y) * rows - 0.5
-    if rule == MIRROR:
-        column, row = _mirrored(column, columns), _mirrored(row, rows)
+    column, row = _centres(uv, rows, columns, rule)
     left, top = dr.floor(column), dr.floor(row)
     right, bottom = column - left, row - top
-    if rule == REPEAT:
-        left, top = remainder(left, columns), remainder(top, rows)
-    # Rounding must not lead beyond the texture.
-    block = mi.UInt32(dr.clip(dr.detach(top), 0.0, rows - 1.0)) * columns
-    block += mi.UInt32(dr.clip(dr.detach(left), 0.0, columns - 1.0))
     across, down = (1.0 - right, right), (1.0 - bottom, bottom)
-    return block, [y * x for y in down for x in across]
+    return _texel(top, left, rows, columns, rule), [y * x for y in down for x in across]
+
+
+def texel_drawn(uv: Any, rows: int, columns: int, rule: str, u: Sequence[Any]) -> Any:
+    """One of the four texels around uv, v up, drawn by two numbers in [0, 1).
+
+    Its probability is its bilinear weight.
+    """
+    column, row = _centres(uv, rows, columns, rule)
+    return _texel(dr.floor(row + u[1]), dr.floor(column + u[0]), rows, columns, rule)
+
+
+def _centres(uv: Any, rows: int, columns: int, rule: str) -> tuple[Any, Any]:
+    """(column, row) of uv, v up, where whole numbers are centres of texels."""
+    column, row = uv.x * columns - 0.5, (1.0 - uv.y) * rows - 0.5
+    if rule == MIRROR:
+        return _mirrored(column, columns), _mirrored(row, rows)
+    return column, row
+
+
+def _texel(row: Any, column: Any, rows: int, columns: int, rule: str) -> Any:
+    """The texel of a row and a column, whole numbers."""
+    if rule == REPEAT:
+        column, row = remainder(column, columns), remainder(row, rows)
+    # Rounding must not lead beyond the texture.
+    first = mi.UInt32(dr.clip(dr.detach(row), 0.0, rows - 1.0)) * columns
+    return first + mi.UInt32(dr.clip(dr.detach(column), 0.0, columns - 1.0))
 
 
 def block_corners(rows: int, columns: int, rule: str) -> Tensor:

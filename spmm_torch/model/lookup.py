@@ -41,21 +41,30 @@ class SparseWeights:
 
 
 @dataclass(frozen=True)
-class MergedEntries:
-    """The lobes of blocks of texels, each once a block, without their weights.
+class BlockLobes:
+    """The lobes of blocks of texels, each once a block.
 
     Attributes:
-        texel: the four texels of each block, `[B, 4]`.
+        texel: the n texels of each block, `[B, n]`; four for bilinear lookups.
         start, count: first entry and number of entries of each block, `[B]`.
         lobe: lobe of each entry, `[M]`.
-        entry: entries of the texture that are merged, `[E]`.
-        place: 4 times the merged entry of each of them, plus its corner, `[E]`.
     """
 
     texel: Tensor
     start: Tensor
     count: Tensor
     lobe: Tensor
+
+
+@dataclass(frozen=True)
+class MergedEntries(BlockLobes):
+    """The lobes of blocks without their weights.
+
+    Attributes:
+        entry: entries of the texture that are merged, `[E]`.
+        place: n times the merged entry of each of them, plus its corner, `[E]`.
+    """
+
     entry: Tensor
     place: Tensor
 
@@ -66,8 +75,8 @@ class MergedEntries:
         """Merges the lobes of each block.
 
         Args:
-            texel: the four texels of each block, `[B, 4]`.
-            counts: whether a texel is needed, `[B, 4]` bool; the lobes of others are left out.
+            texel: the n texels of each block, `[B, n]`.
+            counts: whether a texel is needed, `[B, n]` bool; the lobes of others are left out.
                 None: all are.
             offset, index: of the entries of the texture, as in `SparseWeights`.
         """
@@ -75,37 +84,32 @@ class MergedEntries:
         start = offset[flat]
         length = offset[flat + 1] - start
         corner, entry = ranges(start, length if counts is None else length * counts.flatten())
-        block, lobe = corner.div(4, rounding_mode="floor"), index[entry]  # [E]
+        corners = texel.shape[1]
+        block, lobe = corner.div(corners, rounding_mode="floor"), index[entry]  # [E]
         order = _by_block_and_lobe(block, lobe, len(texel))
         corner, entry, block, lobe = (x[order] for x in (corner, entry, block, lobe))
         new = run_starts(block, lobe)
         count = torch.bincount(block[new], minlength=len(texel))
-        place = 4 * (new.cumsum(0) - 1) + corner % 4
+        place = corners * (new.cumsum(0) - 1) + corner % corners
         return cls(texel, count.cumsum(0) - count, count, lobe[new], entry, place)
 
     def weighted(self, weight: Tensor) -> TexelBlocks:
         """The blocks with the weights `[N, C]` of the texture's entries."""
-        total = weight.new_zeros(4 * len(self.lobe), weight.shape[1])
+        corners = self.texel.shape[1]
+        total = weight.new_zeros(corners * len(self.lobe), weight.shape[1])
         total = total.index_add(0, self.place, weight.index_select(0, self.entry))
-        total = total.view(-1, 4, weight.shape[1])
+        total = total.view(-1, corners, weight.shape[1])
         return TexelBlocks(self.texel, self.start, self.count, self.lobe, total)
 
 
 @dataclass(frozen=True)
-class TexelBlocks:
-    """The blocks in which some queries lie.
+class TexelBlocks(BlockLobes):
+    """The lobes of blocks with their weights.
 
     Attributes:
-        texel: the four texels of each block, `[B, 4]`.
-        start, count: first entry and number of entries of each block, `[B]`.
-        lobe: lobe of each entry, `[M]`.
-        weight: alpha of each entry in the four texels, `[M, 4, C]`.
+        weight: alpha of each entry in the texels of its block, `[M, n, C]`.
     """
 
-    texel: Tensor
-    start: Tensor
-    count: Tensor
-    lobe: Tensor
     weight: Tensor
 
     @classmethod

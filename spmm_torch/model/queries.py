@@ -25,13 +25,15 @@ def check_queries(
         directions: by the name of the argument, `[..., 3]`.
 
     Raises:
-        DataError: a number is NaN or infinite, a direction is not unit, or u is outside of 0 to 1.
+        DataError: a shape is another one, a number is NaN or infinite, a direction is not unit, or
+            u is outside of 0 to 1.
     """
-    named = {"uv": uv, "u": u, **directions}
+    pairs = (("uv", uv), ("u", u), *directions.items())
+    named = {name: value for name, value in pairs if value is not None}
+    for name, value in named.items():
+        _check_shape(name, value)
     given = {
-        name: value
-        for name, value in named.items()
-        if value is not None and value.dtype in CHECKED and value.numel()
+        name: value for name, value in named.items() if value.dtype in CHECKED and value.numel()
     }
     faults = {name: _faults(name, value) for name, value in given.items()}
     if not faults or not bool(torch.stack([fault.any() for fault in faults.values()]).any()):
@@ -53,6 +55,16 @@ _EXPECTED = {
     "uv": ("two finite numbers", "mend what computes them"),
     "u": ("three numbers from 0 to 1", "mend what draws them"),
 }
+
+
+def _check_shape(name: str, value: Tensor) -> None:
+    """Raises DataError if the last dimension has not the numbers of a query."""
+    count = 2 if name == "uv" else 3
+    if value.shape[-1:] != (count,):
+        raise DataError(
+            f"{name} has shape {tuple(value.shape)}; expected (..., {count}); bring the {count} "
+            f"numbers of each query into the last dimension."
+        )
 
 
 def _faults(name: str, value: Tensor) -> Tensor:

@@ -43,8 +43,8 @@ def test_values_are_those_of_the_material(
     btf = change(random_btf(LIGHT, 3, 5, VIEW))
     reflector = measured.Measured(btf)
     uv, wi, wo = random_queries(QUERIES)
-    place = reflector.place(mi.Point2f(*uv.T.contiguous().numpy()), None)
-    (found,), _ = reflector.evaluated(place, None, [vectors(mi, wi)], vectors(mi, wo))
+    seen = reflector.seen(mi.Point2f(*uv.T.contiguous().numpy()), vectors(mi, wo))
+    found, _ = reflector.evaluated(seen, vectors(mi, wi))
     expected = BTFMaterial.build(btf)(uv, wi, wo)
     tolerance = 5e-4 if halves else 1e-5
     torch.testing.assert_close(values(found), expected, rtol=tolerance, atol=tolerance)

@@ -25,6 +25,13 @@ def test_a_missing_file_is_named(plugin: str, scalar: Any, tmp_path: Path) -> No
         scalar.load_dict({"type": plugin})
 
 
+def test_an_unknown_filter_is_refused(scalar: Any, tmp_path: Path) -> None:
+    run = model_folder(tmp_path / "run", planted_model(size=2, lobes_per_texel=1))
+    plugin = {"type": "spmm", "filename": str(run), "filter_type": "nearest"}
+    with pytest.raises(RuntimeError, match=r"is 'nearest'; expected bilinear or stochastic;"):
+        scalar.load_dict(plugin)
+
+
 def test_a_newer_format_is_refused(scalar: Any, tmp_path: Path) -> None:
     run = newer_run(tmp_path / "run")
     with pytest.raises(RuntimeError, match=r"has version 99; this program reads versions 1 and 2"):

@@ -120,7 +120,7 @@ def test_gradients_are_those_of_torch(name: str, mi: Any) -> None:
     material.update()
     up = mi.Point2f(*uv.T.contiguous().numpy())
     light, view = vectors(mi, wi), vectors(mi, wo)
-    (found,), _ = material.evaluated(material.place(up, view), None, [light], view)
+    found, _ = material.evaluated(material.seen(up, view), light)
     drjit.backward(drjit.sum(drjit.sum(found)))
     owner = {"residual": model.residual, "coefficients": model.components}.get(name)
     if owner is None:

@@ -95,3 +95,14 @@ def test_no_queries(relief: Relief | None) -> None:
     wi, rgb, density = model.sample(none["uv"], none["wo"], none["u"])
     assert (wi.shape, rgb.shape, density.shape) == ((0, 3), (0, 3), (0,))
     assert model.pdf(none["uv"], none["wi"], none["wo"]).shape == (0,)
+
+
+@pytest.mark.parametrize(("call", "name"), ASKED)
+@pytest.mark.parametrize("count", [1, 4])
+def test_shapes_that_are_refused(model: SPMM, call: str, name: str, count: int) -> None:
+    given = queries()
+    expected = given[name].shape[-1]
+    given[name] = given[name][..., :1].expand(*given[name].shape[:-1], count)
+    message = rf"^{name} has shape \([0-9, ]*{count},?\); expected \(\.\.\., {expected}\); bring"
+    with pytest.raises(DataError, match=message):
+        CALLS[call][0](model, given)
