@@ -73,7 +73,7 @@ def test_products_with_what_the_lobes_leave(sample: Case, exact: bool) -> None:
 
 
 def test_pictures_of_one_value_are_left_as_they_are() -> None:
-    """Nothing of a single texel and pair has to be transposed, so a picture may be the store's own."""
+    """A single texel and pair need no transposition: a picture may be of the store itself."""
     up = torch.tensor([[0.0, 0.0, 1.0]])
     btf = BTF.from_values(torch.full((1, 1, 1, 1, 3), 0.2), up, up)
     fit(btf, FitConfig(), render=False)
