@@ -65,7 +65,7 @@ class State:
     """Current point of every mixture, and the Gauss-Newton model of the loss there."""
 
     coordinates: Tensor  # [S, M, P]
-    weights: Tensor  # [S, C, M] float64
+    weights: Tensor  # [S, C, M]
     loss: Tensor  # [S] float64
     gradient: Tensor  # [S, M P] float64, of half the loss
     hessian: Tensor  # [S, M P, M P] float64
