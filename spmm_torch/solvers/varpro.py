@@ -82,16 +82,16 @@ class State:
         gradient: Tensor,
         hessian: Tensor,
     ) -> State:
-        """States from which no step was tried, by their first five fields."""
+        """States from which no step was tried, of coordinates `[S, M, P]` and what was found there."""
         damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
         return cls(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
 
     def take(self, rows: Tensor) -> State:
-        """The state of the mixtures `rows`."""
+        """The state of the mixtures `rows [s]`."""
         return State(*(value[rows] for value in vars(self).values()))
 
     def put(self, rows: Tensor, other: State) -> None:
-        """Overwrites the mixtures `rows` in place, unless the other state is this one."""
+        """Overwrites the mixtures `rows [s]` in place, unless the other state is this one."""
         if other is self:
             return
         for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True):
