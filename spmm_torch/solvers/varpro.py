@@ -82,7 +82,7 @@ class State:
         gradient: Tensor,
         hessian: Tensor,
     ) -> State:
-        """States from which no step was tried, of coordinates `[S, M, P]` and what was found there."""
+        """States without a step, of coordinates `[S, M, P]` and what was found there."""
         damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
         return cls(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
 
