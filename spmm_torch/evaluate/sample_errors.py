@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,20 +69,53 @@ def sample_errors(
             f"samples of texels; expected a model of a flat surface; fit one by relief.mode=off."
         )
     sums = _Sums.of(btf.texel_count)
-    for part in btf.lists:
-        _add_list(sums, model, part)
-        progress(len(part.texels))
+    for some in _tabulated_together(btf.lists, len(model.dictionary)):
+        _add_lists(sums, model, some)
+        progress(sum(len(part.texels) for part in some))
     return sums.result()
 
 
-def _add_list(sums: _Sums, model: SPMM, part: PairList) -> None:
-    """Adds the samples of a list."""
-    rows = max(1, len(model.dictionary), min(len(part.texels), BLOCK_TEXELS))
-    for pairs in slices(len(part.wi), max(1, BLOCK_VALUES // rows)):
-        some = part.at(torch.arange(pairs.start, pairs.stop))
-        table = Tabulated.of_pairs(model, some.wi, some.wo)
+def _rows(part: PairList, lobes: int) -> int:
+    """Values at each pair of a list that are held at once."""
+    return max(1, lobes, min(len(part.texels), BLOCK_TEXELS))
+
+
+def _tabulated_together(lists: Sequence[PairList], lobes: int) -> Iterator[list[PairList]]:
+    """Lists one after another, short ones by so many as one table holds."""
+    block: list[PairList] = []
+    size = 0
+    for part in lists:
+        own = len(part.wi) * _rows(part, lobes)
+        if block and size + own > BLOCK_VALUES:
+            yield block
+            block, size = [], 0
+        block.append(part)
+        size += own
+    if block:
+        yield block
+
+
+def _add_lists(sums: _Sums, model: SPMM, parts: list[PairList]) -> None:
+    """Adds the samples of a long list, or of several short ones."""
+    if len(parts) == 1:
+        (part,) = parts
+        step = max(1, BLOCK_VALUES // _rows(part, len(model.dictionary)))
+        for pairs in slices(len(part.wi), step):
+            some = part.at(torch.arange(pairs.start, pairs.stop))
+            _add_table(sums, Tabulated.of_pairs(model, some.wi, some.wo), [some])
+        return
+    wi, wo = (torch.cat([getattr(part, side) for part in parts]) for side in ("wi", "wo"))
+    _add_table(sums, Tabulated.of_pairs(model, wi, wo), parts)
+
+
+def _add_table(sums: _Sums, table: Tabulated, parts: list[PairList]) -> None:
+    """Adds lists whose pairs are those of a table, one list after another."""
+    start = 0
+    for part in parts:
+        pairs = slice(start, start + len(part.wi))
         for texels in slices(len(part.texels), BLOCK_TEXELS):
-            sums.add(table, some, texels)
+            sums.add(table, part, texels, pairs)
+        start = pairs.stop
 
 
 @dataclass
@@ -101,10 +134,9 @@ class _Sums:
         sums = (torch.zeros(texels, 3, dtype=double), torch.zeros(BANDS, BANDS, 2, dtype=double))
         return cls(*sums, [])
 
-    def add(self, table: Tabulated, part: PairList, texels: slice) -> None:
-        """Adds some texels at all pairs of a part of a list."""
-        own = part.texels[texels]
-        pairs, device = slice(0, len(part.wi)), table.rho.device
+    def add(self, table: Tabulated, part: PairList, texels: slice, pairs: slice) -> None:
+        """Adds some texels at all pairs of a part of a list, which are those `pairs` of a table."""
+        own, device = part.texels[texels], table.rho.device
         value = part.values[texels].to(device)
         place = own.to(device)
         lobes = table.lobes_of(table.model.sparse_weights.of(place), pairs)

@@ -57,7 +57,8 @@ class Selection:
 class _Texels:
     """Inputs, channels first, and the stopping rule; T' of the T texels still run."""
 
-    gram: Tensor  # [J, J]
+    gram: Tensor  # [L, J, J]
+    owner: Tensor  # [T], the Gram matrix of each
     correlation: Tensor  # [T, C, J]
     energy: Tensor  # [T] float64
     min_gain: float | Tensor  # [T] where it varies
@@ -67,6 +68,23 @@ class _Texels:
     def take(self, rows: Tensor) -> _Texels:
         """Some of the texels that still run, by their positions `rows` among the T'."""
         return replace(self, rows=self.rows[rows])
+
+    def norms(self) -> Tensor:
+        """Squared norms of the atoms of the texels that run, `[1 or T', J]`."""
+        norm = self.gram.diagonal(dim1=1, dim2=2)
+        return norm if len(norm) == 1 else norm[self.owner[self.rows]]
+
+    def lines(self, part: slice, place: Tensor) -> Tensor:
+        """Lines of the Gram matrices of some of these texels, by atoms `[t, m]`: `[t, m, J]`."""
+        count, atoms = self.gram.shape[:2]
+        flat = place if count == 1 else place + atoms * self.owner[self.rows[part], None]
+        return self.gram.flatten(0, 1).index_select(0, flat.flatten()).view(*place.shape, atoms)
+
+    def among(self, place: Tensor) -> Tensor:
+        """The Gram matrices of atoms `[T', m]` of the texels that run, `[T', m, m]`."""
+        if len(self.gram) == 1:
+            return self.gram[0][place[:, :, None], place[:, None, :]]
+        return self.gram[self.owner[self.rows, None, None], place[:, :, None], place[:, None, :]]
 
     def least_gain(self, error: Tensor) -> Tensor:
         """Least decrease `[T']` for which an atom enters, given the error `[T']` without it."""
@@ -129,6 +147,7 @@ def select_foba(
     max_lobes: int | None,
     min_gain: float | Tensor,
     floor: float = LEAST_DECREASE,
+    owner: Tensor | None = None,
 ) -> Selection:
     """Chooses up to `max_lobes` atoms for each texel, shared by its channels [Zha11].
 
@@ -139,13 +158,14 @@ def select_foba(
     is within the same limit.
 
     Args:
-        gram: D^T D `[J, J]`; atoms need not have unit norm.
+        gram: D^T D `[J, J]`, or `[L, J, J]` of several D; atoms need not have unit norm.
         correlation: D^T y `[T, J, C]`.
         energy: ||y||^2 of all channels, `[T]`.
         max_lobes: most atoms of one texel, M; None: any number, M is the largest that occurs.
         min_gain: least relative decrease of the error for which an atom enters, in [0, 1]; `[T]`
             float64 where it varies.
         floor: least decrease relative to the energy.
+        owner: which of several Gram matrices is that of each texel, `[T]`; None: there is one.
 
     Returns:
         Atoms, weights and remaining error of each texel in the dtype of `correlation`, and how
@@ -155,7 +175,10 @@ def select_foba(
     energy = energy.double()
     by_channel = correlation.transpose(1, 2).contiguous()  # [T, C, J]
     everywhere = torch.arange(count, device=gram.device)
-    texels = _Texels(gram.to(correlation.dtype), by_channel, energy, min_gain, floor, everywhere)
+    owner = torch.zeros_like(everywhere) if owner is None else owner
+    grams = gram.to(correlation.dtype)
+    grams = grams[None] if grams.dim() == 2 else grams
+    texels = _Texels(grams, owner, by_channel, energy, min_gain, floor, everywhere)
     support, status = _select_forward(texels, atoms if max_lobes is None else max_lobes)
     support = support.packed(support.most())
     _eliminate_backward(texels, support)
@@ -232,17 +255,18 @@ def _add_atom(texels: _Texels, current: _Support) -> tuple[_Support, Tensor]:
 
 def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
     """Guaranteed decrease `[T']` by the best atom `[T']` that is not in the support."""
-    slots, atoms = current.index.shape[1], texels.gram.shape[0]
-    norm = texels.gram.diagonal()  # [J]
+    slots, atoms = current.index.shape[1], texels.gram.shape[1]
+    norm = texels.norms()  # [1 or T', J]
     inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
     parts: list[tuple[Tensor, Tensor]] = []
     for part in slices(len(current.index), max(1, GRAM_ROW_ENTRIES // (slots * atoms))):
         place = current.index[part].clamp_min(0)  # [t, m]; free slots have no weight
-        lines = texels.gram.index_select(0, place.flatten()).view(*place.shape, atoms)
+        lines = texels.lines(part, place)
         weights = current.weights[part].to(lines.dtype)  # [t, C, m]
         residual = texels.correlation.index_select(0, texels.rows[part])  # D^T y, [t, C, J]
         residual.baddbmm_(weights, lines, alpha=-1)  # D^T (y - D x)
-        score = residual.clamp_(min=0).square_().sum(1) * inverse  # [t, J]
+        score = residual.clamp_(min=0).square_().sum(1)  # [t, J]
+        score *= inverse if len(inverse) == 1 else inverse[part]
         # The first atom stands for the free slots: it is put back unless it is in the support.
         first = torch.where((current.index[part] == 0).any(1), 0.0, score[:, 0])
         score.scatter_(1, place, 0.0)
@@ -255,7 +279,7 @@ def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
 def _refit(texels: _Texels, index: Tensor, guess: Tensor) -> _Support:
     """NNLS of every channel on the support `[T', m]`, starting from the passive set `guess`."""
     place = index.clamp_min(0)
-    gram = texels.gram[place[:, :, None], place[:, None, :]].double()  # [T', m, m]
+    gram = texels.among(place).double()  # [T', m, m]
     channel = torch.arange(guess.shape[1], device=place.device)[:, None]
     rhs = texels.correlation[texels.rows[:, None, None], channel, place[:, None]].double()
     refit = nnls_shared_gram(gram, rhs, allowed=index >= 0, guess=guess)
@@ -275,7 +299,7 @@ def _eliminate_backward(texels: _Texels, support: _Support) -> None:
     for _ in range(used):
         current = support.take(texels.rows).packed(used)
         before = current.error  # [T']
-        bound, slot = _raise_bound(texels.gram, current).min(1)  # [T'], inf at free slots
+        bound, slot = _raise_bound(texels, current).min(1)  # [T'], inf at free slots
         hopeful = (open_ & (bound <= texels.least_gain(before + bound))).nonzero()[:, 0]
         if not hopeful.numel():
             break
@@ -289,7 +313,7 @@ def _eliminate_backward(texels: _Texels, support: _Support) -> None:
         support.put(texels.rows, trial.where(open_, current))
 
 
-def _raise_bound(gram: Tensor, current: _Support) -> Tensor:
+def _raise_bound(texels: _Texels, current: _Support) -> Tensor:
     """Lower bound of the raise of the error when an atom is removed, `[T, M]`.
 
     At an optimum x, any feasible x' has f(x') - f(x) >= (x' - x)^T G (x' - x), whose least value
@@ -298,8 +322,8 @@ def _raise_bound(gram: Tensor, current: _Support) -> Tensor:
     member = current.index >= 0  # [T, M]
     place = current.index.clamp_min(0)
     both = member[:, :, None] & member[:, None, :]
-    matrix = torch.where(both, gram[place[:, :, None], place[:, None, :]].double(), 0.0)
-    norm = gram.diagonal().double()[place]  # [T, M]
+    matrix = torch.where(both, texels.among(place).double(), 0.0)
+    norm = matrix.diagonal(dim1=1, dim2=2).clone()  # [T, M]
     matrix.diagonal(dim1=-2, dim2=-1).copy_(torch.where(member, norm * (1 + BOUND_RIDGE), 1.0))
     factor, info = torch.linalg.cholesky_ex(matrix)
     inverse = torch.cholesky_inverse(factor).diagonal(dim1=-2, dim2=-1)  # [T, M]

@@ -65,7 +65,7 @@ class State:
     """Current point of every mixture, and the Gauss-Newton model of the loss there."""
 
     coordinates: Tensor  # [S, M, P]
-    weights: Tensor  # [S, C, M] float64
+    weights: Tensor  # [S, C, M]
     loss: Tensor  # [S] float64
     gradient: Tensor  # [S, M P] float64, of half the loss
     hessian: Tensor  # [S, M P, M P] float64
@@ -82,16 +82,16 @@ class State:
         gradient: Tensor,
         hessian: Tensor,
     ) -> State:
-        """States from which no step was tried, by their first five fields."""
+        """States without a step, of coordinates `[S, M, P]` and what was found there."""
         damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
         return cls(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
 
     def take(self, rows: Tensor) -> State:
-        """The state of the mixtures `rows`."""
+        """The state of the mixtures `rows [s]`."""
         return State(*(value[rows] for value in vars(self).values()))
 
     def put(self, rows: Tensor, other: State) -> None:
-        """Overwrites the mixtures `rows` in place, unless the other state is this one."""
+        """Overwrites the mixtures `rows [s]` in place, unless the other state is this one."""
         if other is self:
             return
         for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True):

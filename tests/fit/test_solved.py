@@ -13,7 +13,7 @@ from torch import Tensor
 from spmm_torch import BTF, SPMM, FitConfig
 from spmm_torch.evaluate.sums import squared_errors
 from spmm_torch.fit import FitResult, fit
-from spmm_torch.fit.glossy.kinds import DIELECTRIC, GLOSSY, MATT, METAL, kinds
+from spmm_torch.fit.glossy.kinds import DIELECTRIC, GLOSSY, MATT, METAL, PLAIN, kinds
 from spmm_torch.fit.glossy.peaks import DIELECTRIC as DIELECTRIC_F0
 from spmm_torch.fit.glossy.peaks import METAL as METAL_F0
 from spmm_torch.fit.solved import joined_components
@@ -46,7 +46,7 @@ MATERIALS = (
     samples(lobe(1.5 * WIDTH, METAL_F0)),
     samples(lobe(0.012, DIELECTRIC_F0)),
 )
-KINDS = {MATT: [0, 2], DIELECTRIC: [1, 5], METAL: [3], GLOSSY: [4]}
+KINDS = {MATT: [0, 2], DIELECTRIC: [1, 5], METAL: [3], PLAIN: [4]}
 
 
 def named(*values: Tensor) -> BTF:
@@ -73,6 +73,10 @@ def test_the_kinds_are_found() -> None:
     found = kinds(btf, FitConfig(), CPU)
     assert {kind.name: kind.texels.tolist() for kind in found} == KINDS
     assert [len(kind.texels) for kind in found] == [2, 2, 1, 1]
+    body = 0.02 * torch.rand(1, 3, 6561, generator=torch.Generator().manual_seed(0))
+    speckled = samples(lobe(1.2 * WIDTH, METAL_F0)) + body  # squared errors do not see its body
+    pair = kinds(named(MATERIALS[4], speckled), FitConfig(), CPU)
+    assert {kind.name: kind.texels.tolist() for kind in pair} == {PLAIN: [0], GLOSSY: [1]}
     part = found[0].part(btf)
     assert part.names == tuple(f"material {texel}" for texel in found[0].texels.tolist())
     assert part.texels().equal(btf.texels(found[0].texels))

@@ -19,8 +19,13 @@ from ...lobes.grid import DirectionGrid
 from ...runtime.memory import slices
 from .measure import is_glossy
 from .peaks import unresolved
+from .trial import look_right
 
 MATT, GLOSSY, DIELECTRIC, METAL = "matt", "glossy", "mirrors of dielectrics", "mirrors of metal"
+# Glossy ones that squared errors suit.
+PLAIN = "glossy by squared errors"
+# Glossy materials that are tried together.
+TRIED = 32
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,7 @@ def kinds(btf: BTF, config: FitConfig, device: torch.device) -> list[Kind]:
         for block in slices(btf.texel_count, block_texels(btf, device))
         for value in btf.signals(block, device)
     ]
+    names = _with_trial(names, btf, grid, config, device)
     found = [
         Kind(name, torch.tensor([texel for texel, own in enumerate(names) if own == name]))
         for name in dict.fromkeys(names)
@@ -76,3 +82,16 @@ def _kind(grid: DirectionGrid, value: Tensor, width: float) -> str:
     if peak is None:
         return GLOSSY
     return METAL if peak.metal else DIELECTRIC
+
+
+def _with_trial(
+    names: list[str], btf: BTF, grid: DirectionGrid, config: FitConfig, device: torch.device
+) -> list[str]:
+    """The kinds of all materials, where the glossy ones that squared errors suit are apart."""
+    glossy = torch.tensor([place for place, name in enumerate(names) if name == GLOSSY])
+    told = list(names)
+    for some in glossy.long().split(TRIED) if len(glossy) else ():
+        right = look_right(grid, btf.signals(some, device), config.search)
+        for place in some[right.cpu()].tolist():
+            told[place] = PLAIN
+    return told

@@ -28,11 +28,22 @@ def looks_right(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> bo
         values: of some texels, `[n, C, D]`.
         search: settings of the search.
     """
-    signals = values[:: -(-len(values) // TEXELS)]
+    some = values[:: -(-len(values) // TEXELS)]
+    return bool(look_right(grid, some, search).double().mean() >= 0.5)
+
+
+def look_right(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> Tensor:
+    """For which texels, `[n]` bool, lobes by squared errors are right in cube roots.
+
+    Args:
+        grid: the measured pairs.
+        values: of the texels, `[n, C, D]`.
+        search: settings of the search.
+    """
     feasible = Feasible.build(search.min_width * grid.spacing)
     bank = build_bank(grid, search.models, NORMALS, feasible)
-    finder = CorrectiveSearch(grid, bank, feasible, search, signals, bank.lobes[:0])
+    finder = CorrectiveSearch(grid, bank, feasible, search, values, bank.lobes[:0])
     found = finder.run(lambda steps: None).values(grid)  # [n, C, D]
-    wanted, found = (part.double().clamp(min=0.0).pow(1.0 / 3.0) for part in (signals, found))
+    wanted, found = (part.double().clamp(min=0.0).pow(1.0 / 3.0) for part in (values, found))
     error = (wanted - found).square().sum((1, 2))
-    return bool((error <= UNSEEN * wanted.square().sum((1, 2))).double().mean() >= 0.5)
+    return error <= UNSEEN * wanted.square().sum((1, 2))

@@ -2,49 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 
 import torch
 from torch import Tensor
 
-from ...config.fit import SelectConfig
 from ...data.error_weights import Weights
 from ...data.pair_lists import PairedBTF, PairList
 from ...lobes.batch import LobeBatch
 from ...lobes.grid import DirectionGrid
 from ...metrics import Totals
 from ...runtime.memory import slices
-from ...solvers.status import StatusCounts
 from ..problem import Problem
 from ..select.products import Products, correlations, squared_norms
 from ..select.target import Target
 from ..select.texels import Fit, select, squared_errors
+from .listed import ListFit, limited
+from .together import fit_together, is_short
 from .weights import list_weights
 
 # Values of all lobes at a block of pairs, texels that choose at once: some 10 MB each.
 BLOCK_VALUES, BLOCK_TEXELS = 1 << 22, 1 << 10
-# Samples of a texel for each of its lobes, at least: fewer would be fit as they come.
-SAMPLES_A_LOBE = 4
 
 
-@dataclass(frozen=True)
-class ListFit:
-    """The fit of the n texels of a list.
+def fit_lists(parts: Sequence[PairList], lobes: LobeBatch, problem: Problem) -> Iterator[ListFit]:
+    """The fits of the texels of all lists, some at a time.
 
-    Attributes:
-        texels: their indices, `[n]`.
-        index: lobes `[n, M]`, -1 for padding.
-        weights: alpha `[n, M, C]`.
-        weighted: squared errors of the lobes by the weights of the fit.
-        solvers: problems solved, by solver and status.
+    Args:
+        parts: the whole lists.
+        lobes: J lobes to choose from.
+        problem: of a search, for settings, objective and device.
     """
-
-    texels: Tensor
-    index: Tensor
-    weights: Tensor
-    weighted: Totals
-    solvers: StatusCounts
+    short = [part for part in parts if is_short(part, problem.config.select)]
+    if len(short) > 1:
+        yield from fit_together(short, lobes, problem)
+    else:
+        short = []
+    done = set(map(id, short))
+    for part in parts:
+        if id(part) not in done:
+            yield from fit_list(part, lobes, problem)
 
 
 def fit_list(part: PairList, lobes: LobeBatch, problem: Problem) -> Iterator[ListFit]:
@@ -64,7 +61,7 @@ def fit_list(part: PairList, lobes: LobeBatch, problem: Problem) -> Iterator[Lis
     seen = torch.nonzero(norm > 0.0).squeeze(1)
     unit = norm[seen]
     gram = (gram[seen][:, seen] / (unit[:, None] * unit)).float()
-    config = _limited(problem.config.select, len(part.wi))
+    config = limited(problem.config.select, len(part.wi))
     for texels in slices(len(part.texels), BLOCK_TEXELS):
         correlation, energy = _products(grid, lobes[seen], btf, weights, texels)
         none = gram.new_zeros(0)
@@ -73,12 +70,6 @@ def fit_list(part: PairList, lobes: LobeBatch, problem: Problem) -> Iterator[Lis
         target = Target(products.correlation, products.energy)
         fit = select(products, target, config, problem.config.stagewise)
         yield _listed(part.texels[texels], fit, products, seen, unit)
-
-
-def _limited(config: SelectConfig, pairs: int) -> SelectConfig:
-    """The settings with no more lobes than so many pairs of a texel tell."""
-    most = max(1, pairs // SAMPLES_A_LOBE)
-    return replace(config, max_lobes=min(most, config.max_lobes or most))
 
 
 def _blocks(grid: DirectionGrid, lobes: LobeBatch) -> Iterator[tuple[slice, Tensor]]:

@@ -28,8 +28,9 @@ from ..load import keyed
 from ..mixtures import Mixtures
 from ..refit.system import FAINT, MAX_ROUNDING_DB
 from ..solved import Solved
+from .listed import ListFit
 from .search import Task, distinct_lobes, found_lobes, search_tasks
-from .select import ListFit, fit_list
+from .select import fit_lists
 
 
 def fit_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> Solved:
@@ -107,12 +108,11 @@ def _check(config: FitConfig, context: Context) -> None:
 def _fits(btf: ScatteredBTF, lobes: LobeBatch, task: Task, context: Context) -> list[ListFit]:
     """The fits of all texels."""
     fits = []
-    with context.progress.stage("select", btf.texel_count, "texels") as advance:
-        for part in btf.lists:
-            with context.watch("select"):
-                for fit in fit_list(part, lobes, task.problem):
-                    fits.append(fit)
-                    advance(len(fit.texels))
+    stage = context.progress.stage("select", btf.texel_count, "texels")
+    with stage as advance, context.watch("select"):
+        for fit in fit_lists(btf.lists, lobes, task.problem):
+            fits.append(fit)
+            advance(len(fit.texels))
     return fits
 
 
