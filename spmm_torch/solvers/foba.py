@@ -29,8 +29,9 @@ ROUNDS_PER_SLOT = 2
 # Rounds on a GPU after each of which texels that have stopped are left out: the host waits to know
 # them.
 CUDA_ROUNDS = 4
-# Entries of the Gram rows that are gathered at once, for the slots of some texels: 8 MB.
-GRAM_ROW_ENTRIES = 1 << 21
+# Entries of the Gram rows that are gathered at once, for the slots of some texels: 8 MB, on a GPU
+# 4 GB, enough for all texels.
+CPU_ROW_ENTRIES, CUDA_ROW_ENTRIES = 1 << 21, 1 << 30
 
 
 @dataclass(frozen=True)
@@ -192,8 +193,8 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
         current = support.take(texels.rows)
         trial, best = _add_atom(texels, current)
         gain = current.error - trial.error  # [T']
-        finite = (best + gain).isfinite()
-        _mark(status, texels.rows, running & ~finite, Status.NOT_FINITE)
+        total = best + gain
+        _mark(status, texels.rows, running & ((total - total) != 0.0), Status.NOT_FINITE)
         running &= (best > 0) & (gain > texels.least_gain(current.error))
         dead = (trial.weights == 0).all(1)  # [T', m]: atoms without weight after the refit
         trial.index.masked_fill_(dead, -1)
@@ -236,7 +237,8 @@ def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
     norm = texels.gram.diagonal()  # [J]
     inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
     parts: list[tuple[Tensor, Tensor]] = []
-    for part in slices(len(current.index), max(1, GRAM_ROW_ENTRIES // (slots * atoms))):
+    entries = CUDA_ROW_ENTRIES if norm.is_cuda else CPU_ROW_ENTRIES
+    for part in slices(len(current.index), max(1, entries // (slots * atoms))):
         place = current.index[part].clamp_min(0)  # [t, m]; free slots have no weight
         lines = texels.gram.index_select(0, place.flatten()).view(*place.shape, atoms)
         weights = current.weights[part].to(lines.dtype)  # [t, C, m]

@@ -30,9 +30,9 @@ DAMPING_DOWN, DAMPING_UP = 1.0 / 3.0, 4.0
 # Ridge relative to the mean of a diagonal: a parameter without effect must not make it singular.
 RELATIVE_RIDGE = 1e-7
 
-# Steps on a GPU after each of which mixtures that have ended are left out: the host waits to know
-# them.
-CUDA_STEPS = 4
+# Steps on a GPU after each of which the host waits to know how many mixtures go on. Those that have
+# ended are left out once they are the larger part: it takes as many operations as a part of a step.
+CUDA_STEPS = 2
 
 # Both take coordinates `[s, M, P]` and the indices `[s]` of their signals.
 ValueFunction = Callable[[Tensor, Tensor], Tensor]
@@ -85,7 +85,7 @@ class _State:
 
     def moved(self, trial: _State, tolerance: float) -> _State:
         """The state after a trial, which is taken where it lowers the loss of one that runs."""
-        unusable = ((self.gradient - self.gradient) != 0.0).any(1)  # NaN or infinite
+        unusable = _not_finite(self.gradient).any(1)
         gain = self.loss - trial.loss
         better = self.running & (gain > 0.0)  # False for NaN
         points = [
@@ -144,11 +144,11 @@ def refine_mixtures(
     for number in range(iterations):
         if not rows.is_cuda or number % CUDA_STEPS == 0:
             kept = now.running.nonzero().squeeze(1)
-            if len(kept) < len(rows):
-                state.put(rows, now)
-                now, rows = now.take(kept), rows[kept]
             if len(kept) <= int(stragglers * len(start)):
                 break
+            if len(kept) <= len(rows) // 2 if rows.is_cuda else len(kept) < len(rows):
+                state.put(rows, now)
+                now, rows = now.take(kept), rows[kept]
         step = damped_step(now.hessian, now.gradient, now.damping).view_as(now.coordinates)
         trial = project(now.coordinates + step.to(start.dtype), rows)
         now = now.moved(problem.at(trial, rows, slopes=number < iterations - 1), tolerance)
@@ -188,14 +188,21 @@ class _Problem:
         weights = nnls_shared_gram(gram.double(), correlation, allowed=present).weights
         error = signals - weights.to(rho.dtype) @ rho  # [s, C, D]
         loss = (error * error).sum((1, 2), dtype=torch.float64)
-        size = coordinates.shape[1] * coordinates.shape[2]
-        gradient, hessian = loss.new_zeros(len(rows), size), loss.new_zeros(len(rows), size, size)
-        if found is not None and products is not None:
+        if found is None or products is None:
+            size = coordinates.shape[1] * coordinates.shape[2]
+            gradient = loss.new_zeros(len(rows), size)
+            hessian = loss.new_zeros(len(rows), size, size)
+        else:
             flat = found.flatten(1, 2)
             along = (error @ flat.transpose(1, 2)).unflatten(2, found.shape[1:3])[..., 1:]
             gradient, hessian = _model(products.double(), along.double(), weights, present)
-        damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
-        return _State(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
+        damping, failed = torch.full_like(loss, DAMPING_START), _not_finite(loss)
+        return _State(coordinates, weights, loss, gradient, hessian, damping, ~failed, failed)
+
+
+def _not_finite(values: Tensor) -> Tensor:
+    """True where `values [...]` are NaN or infinite, in two operations where torch takes five."""
+    return (values - values) != 0.0
 
 
 def _products(found: Tensor) -> Tensor:

@@ -21,29 +21,35 @@ class LobeFunctions:
     Attributes:
         grid, feasible: of the stage.
         model: `[S, M]`.
-        last: the rows that were evaluated last, and their lobes by model.
+        last: the rows that were evaluated last, their models, and their lobes by model.
     """
 
     grid: DirectionGrid
     feasible: Feasible
     model: Tensor
-    last: tuple[Tensor | None, Grouped | None] = (None, None)
+    last: tuple[Tensor, Tensor, Grouped] | None = None
 
     def values(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """rho `[s, M, D]`."""
-        return self.grid.values(self.model[rows], coordinates, self._grouped(rows))
+        model, grouped = self._of(rows)
+        return self.grid.values(model, coordinates, grouped)
 
     def linearized(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """rho and d rho / d coordinates, `[s, M, 1 + P, D]`."""
-        return self.grid.linearized(self.model[rows], coordinates, self._grouped(rows))
+        model, grouped = self._of(rows)
+        return self.grid.linearized(model, coordinates, grouped)
 
     def project(self, coordinates: Tensor, rows: Tensor) -> Tensor:
         """The nearest feasible coordinates `[s, M, P]`."""
-        model = self.model[rows].reshape(-1)
+        model = self._of(rows)[0].reshape(-1)
         return self.feasible.project(model, coordinates.flatten(0, 1)).view_as(coordinates)
 
-    def _grouped(self, rows: Tensor) -> Grouped | None:
-        """The lobes of the mixtures `rows [s]` by model; the host waits to know it anew."""
-        if rows is not self.last[0]:
-            self.last = rows, in_spans(self.model[rows].reshape(-1), len(REGISTRY))
-        return self.last[1]
+    def _of(self, rows: Tensor) -> tuple[Tensor, Grouped]:
+        """Models `[s, M]` of the mixtures `rows [s]`, and their lobes by model.
+
+        The host waits to know the latter, so what was asked for last is kept.
+        """
+        if self.last is None or rows is not self.last[0]:
+            model = self.model[rows]
+            self.last = rows, model, in_spans(model.reshape(-1), len(REGISTRY))
+        return self.last[1:]
