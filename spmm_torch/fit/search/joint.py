@@ -34,7 +34,7 @@ BATCH_ROWS, MAX_RESTARTS = 256, 8
 CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 22, 1 << 30
 # Samples on which lobes are exchanged, spread over all clusters, with many restarts each. If there
 # are more samples, a turn pays only while it takes this fraction of the error away.
-FEW_ROWS, LEAST_GAIN = 32, 0.03
+FEW_ROWS, LEAST_GAIN = 32, 0.025
 # Fraction of the samples that may creep on in a narrow valley, a few thousandths of their error a
 # step, when all others have converged.
 STRAGGLERS = 0.12
