@@ -117,6 +117,12 @@ class _Support:
         self.index[rows], self.weights[rows] = other.index, other.weights
         self.error[rows], self.status[rows] = other.error, other.status
 
+    def with_rows(self, rows: Tensor, other: _Support) -> _Support:
+        """The same, as wide as the other one, with that in the texels `rows`."""
+        wide = self.widened(other.index.shape[1])
+        wide.put(rows, other)
+        return wide
+
     def most(self) -> int:
         """Atoms of the texel that has most."""
         return int((self.index >= 0).sum(1).max()) if self.index.numel() else 0
@@ -183,14 +189,13 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
         texels.energy.clone(),
         status[:, None].repeat(1, channels),
     )
-    running = torch.ones_like(status, dtype=torch.bool)  # [T']
+    running, current = torch.ones_like(status, dtype=torch.bool), support  # [T']
     rounds = CUDA_ROUNDS if running.is_cuda else 1
     for step in range(ROUNDS_PER_SLOT * slots):
         if not texels.rows.numel():
             break
         # Free slots are filled from the front, so that the first rounds solve smaller systems.
-        support = support.widened(min(step + 1, slots))
-        current = support.take(texels.rows)
+        current = current.widened(min(step + 1, slots))
         trial, best = _add_atom(texels, current)
         gain = current.error - trial.error  # [T']
         total = best + gain
@@ -198,18 +203,19 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
         running &= (best > 0) & (gain > texels.least_gain(current.error))
         dead = (trial.weights == 0).all(1)  # [T', m]: atoms without weight after the refit
         trial.index.masked_fill_(dead, -1)
-        support.put(texels.rows, trial.where(running, current))
-        if support.index.shape[1] == slots:
+        current = trial.where(running, current)
+        if current.index.shape[1] == slots:
             full = running & (trial.index >= 0).all(-1)
             if slots < atoms:
                 _mark(status, texels.rows, full, Status.LIMIT)
             running &= ~full
         if (step + 1) % rounds == 0:
             left = running.nonzero()[:, 0]
-            texels, running = texels.take(left), running[left]
+            support = support.with_rows(texels.rows, current)
+            texels, running, current = texels.take(left), running[left], current.take(left)
     if atoms:
         _mark(status, texels.rows, running, Status.LIMIT)
-    return support, status
+    return support.with_rows(texels.rows, current), status
 
 
 def _mark(status: Tensor, rows: Tensor, ended: Tensor, how: Status) -> None:

@@ -137,9 +137,9 @@ def refine_mixtures(
     Returns:
         Coordinates, weights, loss and status of each mixture.
     """
-    problem = _Problem(values, linearize, present, signals, block)
     rows = torch.arange(len(start), device=start.device)
-    state = problem.at(start.clone(), rows, slopes=iterations > 0)
+    problem = _Problem(values, linearize, present, signals, rows, block)
+    state = problem.at(start.clone(), slopes=iterations > 0)
     first, now = state.loss.clone(), state
     for number in range(iterations):
         if not rows.is_cuda or number % CUDA_STEPS == 0:
@@ -148,10 +148,11 @@ def refine_mixtures(
                 break
             if len(kept) <= len(rows) // 2 if rows.is_cuda else len(kept) < len(rows):
                 state.put(rows, now)
-                now, rows = now.take(kept), rows[kept]
+                now, problem = now.take(kept), problem.take(kept)
+                rows = problem.rows
         step = damped_step(now.hessian, now.gradient, now.damping).view_as(now.coordinates)
         trial = project(now.coordinates + step.to(start.dtype), rows)
-        now = now.moved(problem.at(trial, rows, slopes=number < iterations - 1), tolerance)
+        now = now.moved(problem.at(trial, slopes=number < iterations - 1), tolerance)
     state.put(rows, now)
     weights = state.weights.transpose(1, 2).to(start.dtype)
     stuck = (state.damping >= DAMPING_MAX) & (state.loss == first)
@@ -161,25 +162,33 @@ def refine_mixtures(
 
 @dataclass(frozen=True)
 class _Problem:
-    """What `refine_mixtures` was given of all mixtures."""
+    """What `refine_mixtures` was given of the mixtures that still run."""
 
     values: ValueFunction
     linearize: LinearFunction
-    present: Tensor  # [S, M]
-    signals: Tensor  # [S, C, D]
+    present: Tensor  # [s, M]
+    signals: Tensor  # [s, C, D]
+    rows: Tensor  # [s], among all mixtures
     block: int | None
 
-    def at(self, coordinates: Tensor, rows: Tensor, *, slopes: bool) -> _State:
-        """Fresh states at coordinates `[s, M, P]` of the mixtures `rows [s]`."""
-        size = self.block or len(rows)
-        if len(rows) <= size:
-            return self._block(coordinates, rows, slopes)
-        split = zip(coordinates.split(size), rows.split(size), strict=True)
+    def take(self, kept: Tensor) -> _Problem:
+        """The problem of the mixtures `kept` of these."""
+        parts = (part[kept] for part in (self.present, self.signals, self.rows))
+        return _Problem(self.values, self.linearize, *parts, self.block)
+
+    def at(self, coordinates: Tensor, *, slopes: bool) -> _State:
+        """Fresh states at coordinates `[s, M, P]`."""
+        size = self.block or len(self.rows)
+        given = coordinates, self.rows, self.present, self.signals
+        if len(self.rows) <= size:
+            return self._block(*given, slopes)
+        split = zip(*(part.split(size) for part in given), strict=True)
         parts = [vars(self._block(*part, slopes)).values() for part in split]
         return _State(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
-    def _block(self, coordinates: Tensor, rows: Tensor, slopes: bool) -> _State:
-        present, signals = self.present[rows], self.signals[rows]
+    def _block(
+        self, coordinates: Tensor, rows: Tensor, present: Tensor, signals: Tensor, slopes: bool
+    ) -> _State:
         found = self.linearize(coordinates, rows) if slopes else None  # [s, M, 1 + P, D]
         products = None if found is None else _products(found)
         rho = self.values(coordinates, rows) if found is None else found[:, :, 0]

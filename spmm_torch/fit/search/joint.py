@@ -69,7 +69,8 @@ class CorrectiveSearch:
     def run(self, advance: Advance) -> Mixtures:
         """Adds, refines and exchanges the lobes of every sample."""
         mixtures = self._empty()
-        self._select_from_all(mixtures)
+        if len(self.known):
+            self._select_from_all(mixtures)
         self._grow(mixtures, advance)
         self._polish(mixtures)
         self._exchange_in_turns(mixtures, advance)
@@ -221,10 +222,9 @@ class CorrectiveSearch:
             restarts = max(1, min(MAX_RESTARTS, BATCH_ROWS // len(rows)))
         starts = self._starts(error, restarts)  # [R, s], indices into the bank
         slot = (~mixtures.present).to(torch.int8).argmax(1)  # the first free one, [s]
-        trials = [self._with_lobe(mixtures, slot, start) for start in starts]
-        columns = zip(*(trial.tensors() for trial in trials), strict=True)
-        joined = Mixtures(*(torch.cat(column) for column in columns))
-        refined = self._refine(joined, rows.repeat(len(starts)), self.config.refine_steps)
+        each = torch.arange(len(rows), device=rows.device).repeat(len(starts))
+        joined = self._with_lobe(mixtures.take(each), slot[each], starts.flatten())
+        refined = self._refine(joined, rows[each], self.config.refine_steps)
         which = best_start(refined.loss.view(len(starts), -1))  # [s]
         return refined.take(which * len(rows) + torch.arange(len(rows), device=which.device))
 
