@@ -63,6 +63,7 @@ class _Texels:
     energy: Tensor  # [T] float64
     min_gain: float | Tensor  # [T] where it varies
     floor: float
+    inverse: Tensor  # of the diagonal of the Gram, 0 where that is, [J]
     rows: Tensor  # [T'], indices of texels
 
     def take(self, rows: Tensor) -> _Texels:
@@ -162,7 +163,10 @@ def select_foba(
     energy = energy.double()
     by_channel = correlation.transpose(1, 2).contiguous()  # [T, C, J]
     everywhere = torch.arange(count, device=gram.device)
-    texels = _Texels(gram.to(correlation.dtype), by_channel, energy, min_gain, floor, everywhere)
+    norm = gram.diagonal().to(correlation.dtype)
+    inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
+    given = gram.to(correlation.dtype), by_channel, energy, min_gain, floor, inverse
+    texels = _Texels(*given, everywhere)
     support, status = _select_forward(texels, atoms if max_lobes is None else max_lobes)
     support = support.packed(support.most())
     _eliminate_backward(texels, support)
@@ -240,23 +244,23 @@ def _add_atom(texels: _Texels, current: _Support) -> tuple[_Support, Tensor]:
 def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
     """Guaranteed decrease `[T']` by the best atom `[T']` that is not in the support."""
     slots, atoms = current.index.shape[1], texels.gram.shape[0]
-    norm = texels.gram.diagonal()  # [J]
-    inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
     parts: list[tuple[Tensor, Tensor]] = []
-    entries = CUDA_ROW_ENTRIES if norm.is_cuda else CPU_ROW_ENTRIES
+    entries = CUDA_ROW_ENTRIES if texels.gram.is_cuda else CPU_ROW_ENTRIES
     for part in slices(len(current.index), max(1, entries // (slots * atoms))):
         place = current.index[part].clamp_min(0)  # [t, m]; free slots have no weight
         lines = texels.gram.index_select(0, place.flatten()).view(*place.shape, atoms)
         weights = current.weights[part].to(lines.dtype)  # [t, C, m]
         residual = texels.correlation.index_select(0, texels.rows[part])  # D^T y, [t, C, J]
         residual.baddbmm_(weights, lines, alpha=-1)  # D^T (y - D x)
-        score = residual.clamp_(min=0).square_().sum(1) * inverse  # [t, J]
+        score = residual.clamp_(min=0).square_().sum(1) * texels.inverse  # [t, J]
         # The first atom stands for the free slots: it is put back unless it is in the support.
-        first = torch.where((current.index[part] == 0).any(1), 0.0, score[:, 0])
+        first = score[:, 0].masked_fill((current.index[part] == 0).any(1), 0.0)
         score.scatter_(1, place, 0.0)
         score[:, 0] = first
         best, atom = score.max(-1)
         parts.append((best, atom))
+    if len(parts) == 1:
+        return parts[0]
     return torch.cat([best for best, _ in parts]), torch.cat([atom for _, atom in parts])
 
 
@@ -268,7 +272,7 @@ def _refit(texels: _Texels, index: Tensor, guess: Tensor) -> _Support:
     rhs = texels.correlation[texels.rows[:, None, None], channel, place[:, None]].double()
     refit = nnls_shared_gram(gram, rhs, allowed=index >= 0, guess=guess)
     weights = refit.weights  # [T', C, m]
-    error = texels.energy[texels.rows] + (weights * (weights @ gram - 2 * rhs)).sum((1, 2))
+    error = texels.energy[texels.rows] + (weights * (weights @ gram).sub_(rhs, alpha=2)).sum((1, 2))
     return _Support(index, weights, error.clamp_min(0), refit.status)
 
 

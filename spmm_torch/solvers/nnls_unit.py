@@ -73,14 +73,18 @@ def _solve_support(
 ) -> tuple[Tensor, Tensor]:
     """Unconstrained minimizer on the passive set `[B, J]`, and where the factorization failed.
 
-    Inactive variables become rows and columns of the identity, so that all problems keep size J.
+    Inactive variables become rows and columns of a diagonal, so that all problems keep size J.
     """
     member = passive.to(problems.gram.dtype)  # [B, J]
     matrix = problems.gram * member[:, :, None] * member[:, None, :]  # [B, J, J]
-    matrix.diagonal(dim1=-2, dim2=-1).copy_(1 + ridge * member)
+    diagonal = matrix.diagonal(dim1=-2, dim2=-1)
+    if isinstance(ridge, Tensor):
+        diagonal.copy_(1.0 + ridge)
+    else:
+        diagonal.fill_(1.0 + ridge)
     factor, info = torch.linalg.cholesky_ex(matrix)
     point = torch.cholesky_solve((problems.rhs * member)[..., None], factor)[..., 0]  # [B, J]
-    return point * member, info != 0
+    return point, info != 0
 
 
 def _dual(problems: UnitProblems, weights: Tensor) -> Tensor:

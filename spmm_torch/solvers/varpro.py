@@ -204,7 +204,7 @@ class _Problem:
         else:
             flat = found.flatten(1, 2)
             along = (error @ flat.transpose(1, 2)).unflatten(2, found.shape[1:3])[..., 1:]
-            gradient, hessian = _model(products.double(), along.double(), weights, present)
+            gradient, hessian = _model(products.double(), along.double(), weights)
         damping, failed = torch.full_like(loss, DAMPING_START), _not_finite(loss)
         return _State(coordinates, weights, loss, gradient, hessian, damping, ~failed, failed)
 
@@ -220,16 +220,13 @@ def _products(found: Tensor) -> Tensor:
     return (flat @ flat.transpose(1, 2)).unflatten(1, shape).unflatten(3, shape)
 
 
-def _model(
-    products: Tensor, along: Tensor, weights: Tensor, present: Tensor
-) -> tuple[Tensor, Tensor]:
+def _model(products: Tensor, along: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     """Gradient `[S, M P]` and Gauss-Newton Hessian `[S, M P, M P]` of half the loss.
 
     Args:
         products: inner products of values and derivatives, `[S, M, 1 + P, M, 1 + P]`.
         along: those of the derivatives with the error of each channel, `[S, C, M, P]`.
         weights: `[S, C, M]`.
-        present: `[S, M]`.
     """
     parameters = along.shape[3]
     gradient = -(weights[..., None] * along).sum(1).flatten(1)
@@ -237,7 +234,7 @@ def _model(
     coupling = repeated.transpose(1, 2) @ repeated  # [S, M P, M P]
     inner = products[:, :, 1:, :, 1:].flatten(1, 2).flatten(2)  # [S, M P, M P]
     gram, cross = products[:, :, 0, :, 0], products[:, :, 0, :, 1:].flatten(2)
-    return gradient, coupling * inner - _projected_part(gram, cross, weights, repeated, present)
+    return gradient, coupling * inner - _projected_part(gram, cross, weights, repeated)
 
 
 def damped_step(hessian: Tensor, gradient: Tensor, damping: Tensor) -> Tensor:
@@ -268,9 +265,7 @@ def next_damping(damping: Tensor, better: Tensor) -> Tensor:
     return moved.clamp(DAMPING_MIN, DAMPING_MAX)
 
 
-def _projected_part(
-    gram: Tensor, cross: Tensor, weights: Tensor, repeated: Tensor, present: Tensor
-) -> Tensor:
+def _projected_part(gram: Tensor, cross: Tensor, weights: Tensor, repeated: Tensor) -> Tensor:
     """Part of the Hessian that a change of the weights absorbs [Kau75]: `[S, M P, M P]`.
 
     Args:
@@ -278,9 +273,8 @@ def _projected_part(
         cross: those with the derivatives, `[S, M, M P]`.
         weights: `[S, C, M]`.
         repeated: the same for each derivative, `[S, C, M P]`.
-        present: `[S, M]`.
     """
-    passive = ((weights > 0.0) & present[:, None]).double()  # [S, C, M]
+    passive = (weights > 0.0).double()  # [S, C, M]; those of padding are 0
     ridge = RELATIVE_RIDGE * gram.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
     masked = gram[:, None] * passive[..., :, None] * passive[..., None, :]
     masked.diagonal(dim1=2, dim2=3).add_(1.0 - passive).add_(ridge)
