@@ -21,7 +21,7 @@ from ..brdf.slopes import Angles, LocalPairs, Slopes
 from ..geometry.directions import frame_from_normal, normal_from_disk
 from ..runtime.memory import slices
 from .batch import COORDINATES, Scales
-from .cut import view_step, view_step_slope
+from .cut import view_step_with_slope
 from .ragged import Grouped, Spans, in_spans, spans_within
 from .recorded import record
 
@@ -163,16 +163,16 @@ class _Lobes:
         cosine = local[:, 0, 2].clamp(min=COS_EPS)
         z_i, z_o = local_i[:, 0, 2], local_o[:, 0, 2]
         (lit_i, lit_o), middle = directions.lit, (1,) * len(directions.shape)
-        height = z_i.clamp(min=0.0)
+        height, (step, slope) = z_i.clamp(min=0.0), view_step_with_slope(z_o, horizon)
         return cls(
             kappa.view(*kappa.shape, *middle),
             table.slopes(kappa).view(*kappa.shape, *middle),
             local_i,
             local_o,
             height * lit_i,
-            view_step(z_o, horizon) * lit_o,
+            step * lit_o,
             height.sign() / z_i.clamp(min=torch.finfo(z_i.dtype).tiny),
-            view_step_slope(z_o, horizon),
+            slope,
             *directions.split(cosine),
             *directions.split((cosine > COS_EPS) / -cosine),
         )

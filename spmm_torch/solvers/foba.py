@@ -28,7 +28,7 @@ BOUND_RIDGE = 1e-10
 ROUNDS_PER_SLOT = 2
 # Rounds on a GPU after each of which texels that have stopped are left out: the host waits to know
 # them.
-CUDA_ROUNDS = 4
+CUDA_ROUNDS = 2
 # Entries of the Gram rows that are gathered at once, for the slots of some texels: 8 MB, on a GPU
 # 4 GB, enough for all texels.
 CPU_ROW_ENTRIES, CUDA_ROW_ENTRIES = 1 << 21, 1 << 30

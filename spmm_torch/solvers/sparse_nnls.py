@@ -91,14 +91,15 @@ def sparse_nnls(
         step = torch.where((step * gradient).sum(0) < 0.0, step, descent)
         last, free, squared = gradient, now, -(descent * gradient).sum(0)
         along = times(step)
-        reach = _ratio(-(step * gradient).sum(0), (step * along).sum(0)) * length * open_
-        free_end = x + reach * step
+        # Back along the step: the gradient falls towards it.
+        reach = _ratio((step * gradient).sum(0), (step * along).sum(0)) * length * open_
+        free_end = x - reach * step
         moved = free_end.clamp(min=0.0)
         bounded = None if x.is_cuda else (free_end < 0.0).any(0)
         if bounded is None:  # the host would wait to know it
             changed = times(moved) - rhs
         else:
-            changed = gradient + reach * along
+            changed = gradient - reach * along
             if bool(bounded.any()):
                 changed = torch.where(bounded, times(moved) - rhs, changed)
         found = _value(moved, changed, rhs)
@@ -120,11 +121,13 @@ class Conditions:
     """The optimality conditions of C problems, min(x, G x - b) = 0 with unit atoms.
 
     Attributes:
-        root: of the inverse of the diagonal of G, `[N, 1]`.
+        root: of the inverse of the diagonal of G, `[N, 1]`; 0 where that is 0.
+        norm: the same; 1 where that is 0, so that no x is wrong there.
         largest: the largest b, `[C]`.
     """
 
     root: Tensor
+    norm: Tensor
     largest: Tensor
 
     @classmethod
@@ -133,19 +136,19 @@ class Conditions:
         root = inverse.sqrt()
         size = (rhs * root).abs()
         largest = size.amax(0) if len(rhs) else size.sum(0)
-        return cls(root, largest.clamp(min=torch.finfo(rhs.dtype).tiny))
+        norm = torch.where(root > 0.0, root, 1.0)
+        return cls(root, norm, largest.clamp(min=torch.finfo(rhs.dtype).tiny))
 
     def violation(self, x: Tensor, gradient: Tensor) -> Tensor:
         """Largest violation by `x [N, C]` of gradient G x - b `[N, C]`, `[C]`, relative to b."""
         if not len(x):
             return x.sum(0)
-        least = torch.minimum(x / self.root, self.root * gradient)
-        return torch.where(self.root > 0.0, least, 0.0).abs().amax(0) / self.largest
+        return torch.minimum(x / self.norm, self.root * gradient).abs().amax(0) / self.largest
 
 
 def _value(x: Tensor, gradient: Tensor, rhs: Tensor) -> Tensor:
-    """1/2 x^T G x - b^T x, `[C]` float64, given `gradient` G x - b."""
-    return 0.5 * (x.double() * (gradient - rhs).double()).sum(0)
+    """Twice 1/2 x^T G x - b^T x, `[C]` float64, given `gradient` G x - b."""
+    return (x.double() * (gradient - rhs).double()).sum(0)
 
 
 def _ratio(top: Tensor, bottom: Tensor) -> Tensor:

@@ -246,6 +246,8 @@ class CorrectiveSearch:
 
     def _errors(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
         """Signals `rows [s]` minus their mixtures, `[s, C, D]`."""
+        if len(rows) <= self._block:
+            return self.signals[rows] - mixtures.values(self.grid)
         places = torch.arange(len(rows), device=rows.device).split(self._block)
         parts = [self.signals[rows[p]] - mixtures.take(p).values(self.grid) for p in places]
         return torch.cat(parts)
