@@ -121,7 +121,8 @@ class _Support:
     def with_rows(self, rows: Tensor, other: _Support) -> _Support:
         """The same, as wide as the other one, with that in the texels `rows`."""
         wide = self.widened(other.index.shape[1])
-        wide.put(rows, other)
+        if len(rows) and other is not self:
+            wide.put(rows, other)
         return wide
 
     def most(self) -> int:
