@@ -347,7 +347,7 @@ class Feasible:
         return self.to(coordinates).of(model).projected(coordinates)
 
     def projected(self, coordinates: Tensor) -> Tensor:
-        """`project` of lobes whose bounds these are; see `of`."""
+        """`project` of coordinates `[J, COORDINATES]` of the lobes whose bounds these are."""
         unit = coordinates[:, 3:].clamp(self.low, self.high)
         if self.gap is not None:
             start, end = self.gap
