@@ -209,7 +209,7 @@ def above_horizon(wi: Tensor, wo: Tensor) -> Tensor:
     Arithmetic is four times as fast as a comparison and a product with bools on a CPU. A step
     has no gradient, so none is passed through it.
     """
-    return (wi[..., 2].detach().clamp(0.0, 1.0) * wo[..., 2].detach().clamp(0.0, 1.0)).ceil()
+    return torch.minimum(wi[..., 2].detach(), wo[..., 2].detach()).clamp(0.0, 1.0).ceil()
 
 
 def exp_of_negative(exponent: Tensor) -> Tensor:

@@ -80,7 +80,7 @@ class CookTorrance(BRDF):
         fresnel = pairs.angles.fresnel(f0)
         groove = z * torch.minimum(cos_theta_i, cos_theta_o)
         groove.mul_(pairs.angles.groove)
-        shadowed = (1.0 - groove).sign_().clamp_(min=0.0)
+        shadowed = (1.0 - groove).gt_(0.0)
         value = exp_of_negative(-spread).mul_(sec_squared).mul_(sec_squared).mul_(fresnel)
         value.mul_(groove.clamp_(max=1.0)).mul_(0.25 * INV_PI * of_alpha / cos_theta_i)
         by_i = is_above(cos_theta_o, cos_theta_i).mul_(shadowed)

@@ -10,8 +10,9 @@ from torch import Tensor
 
 from ..lobes.batch import LobeBatch
 from ..model.components import Components
+from ..model.lookup import SparseWeights
 from ..model.residual import Residual
-from ..model.spmm import SPMM, SparseWeights
+from ..model.spmm import SPMM
 from .parts import with_parts
 
 

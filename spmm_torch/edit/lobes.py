@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from ..lobes.batch import LobeBatch
-from ..model.spmm import SPMM, SparseWeights
+from ..model.lookup import SparseWeights
+from ..model.spmm import SPMM
 from .energy import energy_factors
 from .entries import from_entries, scaled_entries
 from .parts import with_parts

@@ -7,9 +7,10 @@ from torch import Tensor
 
 from ..lobes.batch import LobeBatch
 from ..model.components import Components
+from ..model.lookup import SparseWeights
 from ..model.relief import Relief
 from ..model.residual import Residual
-from ..model.spmm import SPMM, SparseWeights
+from ..model.spmm import SPMM
 
 
 def with_parts(

@@ -126,8 +126,8 @@ def frame_from_normal(normal: Tensor, angle: Tensor) -> Tensor:
     across = -planar
     scale = (1.0 + normal[..., 2:, None]).reciprocal()
     upper = across[..., :, None] * planar[..., None, :] * scale  # [..., 2, 2]
-    eye = torch.eye(2, dtype=normal.dtype, device=normal.device)
-    tangents = torch.cat((upper + eye, across[..., None]), dim=-1)  # [..., 2, 3]
+    upper.diagonal(dim1=-2, dim2=-1).add_(1.0)
+    tangents = torch.cat((upper, across[..., None]), dim=-1)  # [..., 2, 3]
     turned = torch.stack((tangents[..., 1, :], -tangents[..., 0, :]), dim=-2)
     angle = angle[..., None, None]
     tangents = torch.cos(angle) * tangents + torch.sin(angle) * turned

@@ -345,13 +345,20 @@ class Feasible:
         end = torch.where(of_high, wider.high, self.low)
         return replace(wider, gap=torch.stack((start, end)))
 
+    def of(self, model: Tensor) -> Feasible:
+        """The bounds of each of the lobes of `model [J]`, for `projected`."""
+        gap = None if self.gap is None else self.gap[:, model]
+        return Feasible(self.low[model], self.high[model], gap)
+
     def project(self, model: Tensor, coordinates: Tensor) -> Tensor:
         """The nearest feasible coordinates `[J, COORDINATES]` of lobes of `model [J]`."""
-        low = self.low.to(coordinates)[model]
-        high = self.high.to(coordinates)[model]
-        unit = coordinates[:, 3:].clamp(low, high)
+        return self.to(coordinates).of(model).projected(coordinates)
+
+    def projected(self, coordinates: Tensor) -> Tensor:
+        """`project` of coordinates `[J, COORDINATES]` of the lobes whose bounds these are."""
+        unit = coordinates[:, 3:].clamp(self.low, self.high)
         if self.gap is not None:
-            start, end = self.gap.to(coordinates)[:, model]
+            start, end = self.gap
             nearest = torch.where(unit - start < end - unit, start, end)
             unit = torch.where((unit > start) & (unit < end), nearest, unit)
         return torch.cat((project_disk(coordinates[:, :2]), coordinates[:, 2:3], unit), dim=1)

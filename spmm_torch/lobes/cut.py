@@ -28,12 +28,14 @@ def view_step(cosine: Tensor, horizon: float) -> Tensor:
     return t * t * (3.0 - 2.0 * t)
 
 
-def view_step_slope(cosine: Tensor, horizon: float) -> Tensor:
-    """Logarithmic derivative `[...]` of `view_step`; finite where the step is 0."""
+def view_step_with_slope(cosine: Tensor, horizon: float) -> tuple[Tensor, Tensor]:
+    """`view_step` and its logarithmic derivative, `[...]` each; finite where the step is 0."""
     if horizon == 0.0:
-        return torch.zeros_like(cosine)
-    t = (cosine / math.sin(horizon)).clamp(LEAST_STEP, 1.0)
-    return 6.0 * (1.0 - t) / (t * (3.0 - 2.0 * t)) / math.sin(horizon)
+        return view_step(cosine, horizon), torch.zeros_like(cosine)
+    t = (cosine / math.sin(horizon)).clamp(0.0, 1.0)
+    fall = 3.0 - 2.0 * t
+    slope = 6.0 * (1.0 - t) / (t.clamp(min=LEAST_STEP) * fall) / math.sin(horizon)
+    return t * t * fall, slope
 
 
 def lit_cosine(cosine: Tensor, upright: Tensor, of_texel: Tensor, lowest: float) -> Tensor:

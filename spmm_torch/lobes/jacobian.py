@@ -16,12 +16,12 @@ import torch
 from torch import Tensor
 
 from ..brdf import MAX_PARAMETERS, REGISTRY
-from ..brdf.base import Vectors
+from ..brdf.base import COS_EPS, Vectors
 from ..brdf.slopes import Angles, LocalPairs, Slopes
 from ..geometry.directions import frame_from_normal, normal_from_disk
 from ..runtime.memory import slices
 from .batch import COORDINATES, Scales
-from .cut import view_step, view_step_slope
+from .cut import view_step_with_slope
 from .ragged import Grouped, Spans, in_spans, spans_within
 from .recorded import record
 
@@ -131,6 +131,7 @@ class _Lobes:
             `[J, 1 + TURNS, 3, ...]`, which broadcast.
         end_i, end_o: factors of f_r that belong to one direction: its cosine, its horizon.
         slope_i, slope_o: their logarithmic derivatives along the cosine.
+        cosine_i, cosine_o, fall_i, fall_o: as in `LocalPairs`.
     """
 
     kappa: Tensor
@@ -141,6 +142,10 @@ class _Lobes:
     end_o: Tensor
     slope_i: Tensor
     slope_o: Tensor
+    cosine_i: Tensor
+    cosine_o: Tensor
+    fall_i: Tensor
+    fall_o: Tensor
 
     @classmethod
     def build(
@@ -153,19 +158,23 @@ class _Lobes:
         spins = _spins(table.turn, coordinates, frame)  # [J, TURNS, 3]
         turned = torch.linalg.cross(spins[..., None], frame[:, None], dim=2)  # [J, TURNS, 3, 3]
         frames = torch.cat((frame[:, None], turned), dim=1)
-        local_i, local_o = directions.split(_seen(frames, directions))
+        local = _seen(frames, directions)
+        local_i, local_o = directions.split(local)
+        cosine = local[:, 0, 2].clamp(min=COS_EPS)
         z_i, z_o = local_i[:, 0, 2], local_o[:, 0, 2]
         (lit_i, lit_o), middle = directions.lit, (1,) * len(directions.shape)
-        height = z_i.clamp(min=0.0)
+        height, (step, slope) = z_i.clamp(min=0.0), view_step_with_slope(z_o, horizon)
         return cls(
             kappa.view(*kappa.shape, *middle),
             table.slopes(kappa).view(*kappa.shape, *middle),
             local_i,
             local_o,
             height * lit_i,
-            view_step(z_o, horizon) * lit_o,
+            step * lit_o,
             height.sign() / z_i.clamp(min=torch.finfo(z_i.dtype).tiny),
-            view_step_slope(z_o, horizon),
+            slope,
+            *directions.split(cosine),
+            *directions.split((cosine > COS_EPS) / -cosine),
         )
 
     def __getitem__(self, rows: slice) -> _Lobes:
@@ -173,7 +182,8 @@ class _Lobes:
 
     def pairs(self, angles: Angles) -> LocalPairs:
         """All pairs of directions in the frames of the lobes."""
-        return LocalPairs(self.wi[:, 0], self.wo[:, 0], angles)
+        cosines, falls = (self.cosine_i, self.cosine_o), (self.fall_i, self.fall_o)
+        return LocalPairs(self.wi[:, 0], self.wo[:, 0], cosines, falls, angles)
 
     def moved(self, column: int) -> tuple[Sequence[Tensor], Sequence[Tensor]]:
         """Derivatives of the components of wi and of wo along a coordinate, three `[J, ...]` each.

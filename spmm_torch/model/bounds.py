@@ -11,14 +11,14 @@ from ..brdf import REGISTRY
 from ..geometry.directions import disk_from_normal, normal_from_disk, project_disk
 
 if TYPE_CHECKING:
-    from .spmm import SPMM
+    from .mixture import Mixture
 
 # Length of normals that rounding leaves, as in files of directions.
 LENGTH_TOLERANCE = 2e-3
 
 
 @torch.no_grad()
-def flaw(model: SPMM) -> str | None:
+def flaw(model: Mixture) -> str | None:
     """What is wrong with the parameters of a model, in words; None if nothing is."""
     for name, value in (*model.named_parameters(), *model.named_buffers()):
         if value.is_floating_point() and not bool(value.isfinite().all()):
@@ -32,7 +32,7 @@ def flaw(model: SPMM) -> str | None:
 
 
 @torch.no_grad()
-def project(model: SPMM) -> None:
+def project(model: Mixture) -> None:
     """Takes weights, normals and kappa of a model to the nearest that are valid, in place."""
     model.weight.clamp_(min=0.0)
     model.normal.copy_(_valid_normals(model.normal))

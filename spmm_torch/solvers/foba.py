@@ -28,9 +28,10 @@ BOUND_RIDGE = 1e-10
 ROUNDS_PER_SLOT = 2
 # Rounds on a GPU after each of which texels that have stopped are left out: the host waits to know
 # them.
-CUDA_ROUNDS = 4
-# Entries of the Gram rows that are gathered at once, for the slots of some texels: 8 MB.
-GRAM_ROW_ENTRIES = 1 << 21
+CUDA_ROUNDS = 2
+# Entries of the Gram rows that are gathered at once, for the slots of some texels: 8 MB, on a GPU
+# 4 GB, enough for all texels.
+CPU_ROW_ENTRIES, CUDA_ROW_ENTRIES = 1 << 21, 1 << 30
 
 
 @dataclass(frozen=True)
@@ -63,16 +64,16 @@ class _Texels:
     energy: Tensor  # [T] float64
     min_gain: float | Tensor  # [T] where it varies
     floor: float
+    inverse: Tensor  # of the diagonals of the Gram matrices, 0 where these are, [L, J]
     rows: Tensor  # [T'], indices of texels
 
     def take(self, rows: Tensor) -> _Texels:
         """Some of the texels that still run, by their positions `rows` among the T'."""
         return replace(self, rows=self.rows[rows])
 
-    def norms(self) -> Tensor:
-        """Squared norms of the atoms of the texels that run, `[1 or T', J]`."""
-        norm = self.gram.diagonal(dim1=1, dim2=2)
-        return norm if len(norm) == 1 else norm[self.owner[self.rows]]
+    def inverses(self, part: slice) -> Tensor:
+        """Inverse squared norms of the atoms of some of these texels, `[1 or t, J]`."""
+        return self.inverse if len(self.inverse) == 1 else self.inverse[self.owner[self.rows[part]]]
 
     def lines(self, part: slice, place: Tensor) -> Tensor:
         """Lines of the Gram matrices of some of these texels, by atoms `[t, m]`: `[t, m, J]`."""
@@ -134,6 +135,13 @@ class _Support:
         self.index[rows], self.weights[rows] = other.index, other.weights
         self.error[rows], self.status[rows] = other.error, other.status
 
+    def with_rows(self, rows: Tensor, other: _Support) -> _Support:
+        """The same, as wide as the other one, with that in the texels `rows`."""
+        wide = self.widened(other.index.shape[1])
+        if len(rows) and other is not self:
+            wide.put(rows, other)
+        return wide
+
     def most(self) -> int:
         """Atoms of the texel that has most."""
         return int((self.index >= 0).sum(1).max()) if self.index.numel() else 0
@@ -178,7 +186,10 @@ def select_foba(
     owner = torch.zeros_like(everywhere) if owner is None else owner
     grams = gram.to(correlation.dtype)
     grams = grams[None] if grams.dim() == 2 else grams
-    texels = _Texels(grams, owner, by_channel, energy, min_gain, floor, everywhere)
+    norm = grams.diagonal(dim1=1, dim2=2)
+    inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
+    given = grams, owner, by_channel, energy, min_gain, floor, inverse
+    texels = _Texels(*given, everywhere)
     support, status = _select_forward(texels, atoms if max_lobes is None else max_lobes)
     support = support.packed(support.most())
     _eliminate_backward(texels, support)
@@ -205,33 +216,33 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
         texels.energy.clone(),
         status[:, None].repeat(1, channels),
     )
-    running = torch.ones_like(status, dtype=torch.bool)  # [T']
+    running, current = torch.ones_like(status, dtype=torch.bool), support  # [T']
     rounds = CUDA_ROUNDS if running.is_cuda else 1
     for step in range(ROUNDS_PER_SLOT * slots):
         if not texels.rows.numel():
             break
         # Free slots are filled from the front, so that the first rounds solve smaller systems.
-        support = support.widened(min(step + 1, slots))
-        current = support.take(texels.rows)
+        current = current.widened(min(step + 1, slots))
         trial, best = _add_atom(texels, current)
         gain = current.error - trial.error  # [T']
-        finite = (best + gain).isfinite()
-        _mark(status, texels.rows, running & ~finite, Status.NOT_FINITE)
+        total = best + gain
+        _mark(status, texels.rows, running & ((total - total) != 0.0), Status.NOT_FINITE)
         running &= (best > 0) & (gain > texels.least_gain(current.error))
         dead = (trial.weights == 0).all(1)  # [T', m]: atoms without weight after the refit
         trial.index.masked_fill_(dead, -1)
-        support.put(texels.rows, trial.where(running, current))
-        if support.index.shape[1] == slots:
+        current = trial.where(running, current)
+        if current.index.shape[1] == slots:
             full = running & (trial.index >= 0).all(-1)
             if slots < atoms:
                 _mark(status, texels.rows, full, Status.LIMIT)
             running &= ~full
         if (step + 1) % rounds == 0:
             left = running.nonzero()[:, 0]
-            texels, running = texels.take(left), running[left]
+            support = support.with_rows(texels.rows, current)
+            texels, running, current = texels.take(left), running[left], current.take(left)
     if atoms:
         _mark(status, texels.rows, running, Status.LIMIT)
-    return support, status
+    return support.with_rows(texels.rows, current), status
 
 
 def _mark(status: Tensor, rows: Tensor, ended: Tensor, how: Status) -> None:
@@ -256,23 +267,23 @@ def _add_atom(texels: _Texels, current: _Support) -> tuple[_Support, Tensor]:
 def _best_atoms(texels: _Texels, current: _Support) -> tuple[Tensor, Tensor]:
     """Guaranteed decrease `[T']` by the best atom `[T']` that is not in the support."""
     slots, atoms = current.index.shape[1], texels.gram.shape[1]
-    norm = texels.norms()  # [1 or T', J]
-    inverse = torch.where(norm > 0, 1.0 / norm, 0.0)
     parts: list[tuple[Tensor, Tensor]] = []
-    for part in slices(len(current.index), max(1, GRAM_ROW_ENTRIES // (slots * atoms))):
+    entries = CUDA_ROW_ENTRIES if texels.gram.is_cuda else CPU_ROW_ENTRIES
+    for part in slices(len(current.index), max(1, entries // (slots * atoms))):
         place = current.index[part].clamp_min(0)  # [t, m]; free slots have no weight
         lines = texels.lines(part, place)
         weights = current.weights[part].to(lines.dtype)  # [t, C, m]
         residual = texels.correlation.index_select(0, texels.rows[part])  # D^T y, [t, C, J]
         residual.baddbmm_(weights, lines, alpha=-1)  # D^T (y - D x)
-        score = residual.clamp_(min=0).square_().sum(1)  # [t, J]
-        score *= inverse if len(inverse) == 1 else inverse[part]
+        score = residual.clamp_(min=0).square_().sum(1) * texels.inverses(part)  # [t, J]
         # The first atom stands for the free slots: it is put back unless it is in the support.
-        first = torch.where((current.index[part] == 0).any(1), 0.0, score[:, 0])
+        first = score[:, 0].masked_fill((current.index[part] == 0).any(1), 0.0)
         score.scatter_(1, place, 0.0)
         score[:, 0] = first
         best, atom = score.max(-1)
         parts.append((best, atom))
+    if len(parts) == 1:
+        return parts[0]
     return torch.cat([best for best, _ in parts]), torch.cat([atom for _, atom in parts])
 
 
@@ -284,7 +295,7 @@ def _refit(texels: _Texels, index: Tensor, guess: Tensor) -> _Support:
     rhs = texels.correlation[texels.rows[:, None, None], channel, place[:, None]].double()
     refit = nnls_shared_gram(gram, rhs, allowed=index >= 0, guess=guess)
     weights = refit.weights  # [T', C, m]
-    error = texels.energy[texels.rows] + (weights * (weights @ gram - 2 * rhs)).sum((1, 2))
+    error = texels.energy[texels.rows] + (weights * (weights @ gram).sub_(rhs, alpha=2)).sum((1, 2))
     return _Support(index, weights, error.clamp_min(0), refit.status)
 
 

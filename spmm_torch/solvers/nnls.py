@@ -24,21 +24,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..runtime.memory import slices
 from .nnls_supports import MOST_ATOMS, nnls_by_supports
+from .nnls_unit import RIDGE, UnitProblems, solve_unit
 from .status import STATUS_DTYPE, Status
 
-# Ridge on the unit diagonal: makes duplicated atoms solvable, biases a well-posed x by 1e-12.
-RIDGE = 1e-12
-# Factor of the ridge after a failed factorization: a float32 Gram can be indefinite by 1e-7.
-RIDGE_GROWTH = 10.0
-RIDGE_LIMIT = 1e-2
-# Optimality slack, relative to the largest |b_j| / |d_j|; well above float64 rounding of G x.
-OPTIMALITY_TOLERANCE = 1e-11
-# Full exchanges without progress before the active set takes over [KP11 §3, alpha].
-PIVOT_PATIENCE = 3
-PIVOT_ROUNDS = 12
-# Exchanges on a GPU after each of which solved problems are left out: the host waits to know them.
-CUDA_ROUNDS = 3
 # float64 values in one block of Gram matrices (32 MiB): bounds the memory for any batch.
 BLOCK_ELEMENTS = 2**22
 # The same on a GPU (512 MiB), which is to solve 65,536 texels of three channels at once.
@@ -58,18 +48,6 @@ class NNLSResult:
 
     weights: Tensor
     status: Tensor
-
-
-@dataclass(frozen=True)
-class _Problems:
-    """Problems scaled to unit atoms and unit right-hand side, float64."""
-
-    gram: Tensor  # [B, J, J], unit diagonal
-    rhs: Tensor  # [B, J], largest magnitude 1
-    allowed: Tensor  # [B, J] bool
-
-    def take(self, rows: Tensor) -> _Problems:
-        return _Problems(self.gram[rows], self.rhs[rows], self.allowed[rows])
 
 
 def nnls_gram(
@@ -103,20 +81,20 @@ def nnls_gram(
     flat_allowed = _flatten_mask(allowed, batch, atoms)
     flat_guess = _flatten_mask(guess, batch, atoms)
     passes = 3 * atoms + 30 if max_iterations is None else max_iterations
-    weights = torch.zeros_like(flat_rhs)
-    status = torch.full_like(flat_rhs.sum(1), Status.CONVERGED, dtype=STATUS_DTYPE)
-    size = max(1, block // max(1, atoms * atoms))
-    for first in range(0, flat_rhs.shape[0] if atoms else 0, size):
-        rows = slice(first, first + size)
-        solved, status[rows] = _solve_block(
+    if not flat_rhs.numel():
+        return NNLSResult(rhs.new_zeros(*batch, atoms), rhs.new_zeros(batch, dtype=STATUS_DTYPE))
+    parts = [
+        _solve_block(
             flat_gram[gram_row[rows]].double(),
             flat_rhs[rows].double(),
             None if flat_allowed is None else flat_allowed[rows],
             None if flat_guess is None else flat_guess[rows],
             passes,
         )
-        weights[rows] = solved.to(rhs.dtype)
-    return NNLSResult(weights.reshape(*batch, atoms), status.reshape(batch))
+        for rows in slices(len(flat_rhs), max(1, block // (atoms * atoms)))
+    ]
+    weights, status = (torch.cat(column) for column in zip(*parts, strict=True))
+    return NNLSResult(weights.to(rhs.dtype).reshape(*batch, atoms), status.reshape(batch))
 
 
 def nnls_shared_gram(
@@ -207,147 +185,17 @@ def _solve_block(
 ) -> tuple[Tensor, Tensor]:
     """Scales one block of problems, solves it, scales the weights `[B, J]` back; status `[B]`."""
     norm = gram.diagonal(dim1=-2, dim2=-1).clamp_min(0).sqrt()  # [B, J]
-    usable = norm > 0 if allowed is None else allowed & (norm > 0)
-    inverse = torch.where(norm > 0, 1 / norm, 0.0)  # [B, J]
+    positive = norm > 0
+    usable = positive if allowed is None else allowed & positive
+    inverse = torch.where(positive, 1 / norm, 0.0)  # [B, J]
     unit_rhs = rhs * inverse
     scale = torch.where(usable, unit_rhs, 0.0).abs().amax(-1, keepdim=True)  # [B, 1]
     scale = torch.where(scale > 0, scale, 1.0)
-    problems = _Problems(gram * inverse[:, :, None] * inverse[:, None, :], unit_rhs / scale, usable)
+    problems = UnitProblems(
+        gram * inverse[:, :, None] * inverse[:, None, :], unit_rhs / scale, usable
+    )
     passive = usable & (problems.rhs > 0) if guess is None else usable & guess  # [B, J]
-    weights, status = _solve_unit(problems, passive, passes)
+    weights, status = solve_unit(problems, passive, passes)
     weights = weights * inverse * scale
-    finite = (weights + norm).sum(-1).isfinite()
-    return weights, status.masked_fill(~finite, Status.NOT_FINITE)
-
-
-def _solve_unit(problems: _Problems, passive: Tensor, passes: int) -> tuple[Tensor, Tensor]:
-    """Pivots, then runs the active set on what is left; weights `[B, J]` and status `[B]`."""
-    weights, open_rows = _pivot(problems, passive)
-    status = torch.full_like(passive[:, 0], Status.CONVERGED, dtype=STATUS_DTYPE)
-    if open_rows.numel():
-        unsolved = problems.take(open_rows)
-        weights[open_rows], ended = _active_set(unsolved, weights[open_rows], passes)
-        finite = unsolved.gram.isfinite().all(-1).all(-1)
-        status[open_rows] = ended.masked_fill(~finite, Status.NOT_FINITE)
-    return weights, status
-
-
-def _solve_support(
-    problems: _Problems, passive: Tensor, ridge: float | Tensor
-) -> tuple[Tensor, Tensor]:
-    """Unconstrained minimizer on the passive set `[B, J]`, and where the factorization failed.
-
-    Inactive variables become rows and columns of the identity, so that all problems keep size J.
-    """
-    member = passive.to(problems.gram.dtype)  # [B, J]
-    matrix = problems.gram * member[:, :, None] * member[:, None, :]  # [B, J, J]
-    matrix.diagonal(dim1=-2, dim2=-1).copy_(1 + ridge * member)
-    factor, info = torch.linalg.cholesky_ex(matrix)
-    point = torch.cholesky_solve((problems.rhs * member)[..., None], factor)[..., 0]  # [B, J]
-    return point * member, info != 0
-
-
-def _dual(problems: _Problems, weights: Tensor) -> Tensor:
-    """w = b - G x, `[B, J]`: correlation of each unit atom with the residual."""
-    return problems.rhs - (problems.gram @ weights[..., None])[..., 0]
-
-
-def _pivot(problems: _Problems, passive: Tensor) -> tuple[Tensor, Tensor]:
-    """Block principal pivoting with full exchanges [KP11 §3]: weights `[B, J]`.
-
-    A problem whose number of infeasible variables has not fallen for `PIVOT_PATIENCE` exchanges is
-    left unsolved, on a GPU one that is open after all rounds. Its weights are then a feasible start
-    for `_active_set`.
-
-    Returns:
-        (weights, indices of the unsolved problems).
-    """
-    batch, atoms = problems.rhs.shape
-    weights = torch.zeros_like(problems.rhs)
-    solved = torch.zeros(batch, dtype=torch.bool, device=weights.device)
-    rows = torch.arange(batch, device=weights.device)
-    fewest = torch.full((batch,), atoms + 1, device=weights.device)
-    patience = torch.full((batch,), PIVOT_PATIENCE, device=weights.device)
-    for number in range(1, 1 + PIVOT_ROUNDS):
-        point, failed = _solve_support(problems, passive, RIDGE)
-        dual = _dual(problems, point)
-        entering = problems.allowed & (dual > OPTIMALITY_TOLERANCE)  # [B', J]
-        swap = torch.where(passive, point < -OPTIMALITY_TOLERANCE, entering)
-        if rows.is_cuda and number % CUDA_ROUNDS:
-            passive = passive ^ swap  # stays as it is where a problem is solved
-            continue
-        count = swap.sum(-1)
-        weights[rows] = torch.where(failed[:, None], weights[rows], point.clamp_min(0))
-        solved[rows] = (count == 0) & ~failed
-        better = count < fewest
-        patience = torch.where(better, PIVOT_PATIENCE, patience - 1)
-        fewest = torch.minimum(fewest, count)
-        passive = passive ^ swap
-        still = (count > 0) | failed if rows.is_cuda else (count > 0) & ~failed & (patience > 0)
-        keep = still.nonzero()[:, 0]
-        problems, rows = problems.take(keep), rows[keep]
-        passive, fewest, patience = passive[keep], fewest[keep], patience[keep]
-        if not keep.numel():
-            break
-    return weights, rows if rows.is_cuda else (~solved).nonzero()[:, 0]
-
-
-def _active_set(problems: _Problems, start: Tensor, passes: int) -> tuple[Tensor, Tensor]:
-    """Lawson-Hanson from a feasible start, all problems together: weights `[B, J]`, status `[B]`.
-
-    One pass solves on the passive set. It then either accepts the point, and the atom of largest
-    dual enters, or moves to the boundary, and the atoms that reach 0 leave.
-    """
-    weights = start.clone()
-    result = start.clone()
-    rows = torch.arange(start.shape[0], device=start.device)
-    status = torch.full_like(rows, Status.CONVERGED, dtype=STATUS_DTYPE)
-    passive = start > 0  # [B, J]
-    barred = torch.zeros_like(passive)
-    newest = torch.full_like(rows, -1)
-    ridge = torch.full_like(start[:, :1], RIDGE)  # [B, 1]
-    for _ in range(passes):
-        point, failed = _solve_support(problems, passive, ridge)
-        ridge = torch.where(failed[:, None], ridge * RIDGE_GROWTH, ridge)
-        inside = (point >= 0).all(-1) & ~failed  # [B']
-        weights, boundary = _toward(weights, point, passive, inside, failed)
-        # An atom that leaves at once entered by rounding: bar it until another one stays [LH74].
-        entered = torch.zeros_like(passive).scatter_(1, newest.clamp_min(0)[:, None], True)
-        entered &= (newest >= 0)[:, None]
-        survived = inside & (newest >= 0)
-        barred = (barred & ~survived[:, None]) | (entered & boundary)
-        passive = passive & ~boundary
-        dual = _dual(problems, weights)
-        dual = torch.where(problems.allowed & ~passive & ~barred, dual, -torch.inf)
-        largest, newest_atom = dual.max(-1)
-        improving = inside & (largest > OPTIMALITY_TOLERANCE)
-        passive = passive.scatter(
-            1, newest_atom[:, None], passive.gather(1, newest_atom[:, None]) | improving[:, None]
-        )
-        newest = torch.where(improving, newest_atom, torch.where(failed, newest, -1))
-        result[rows] = weights
-        solvable = ridge[:, 0] < RIDGE_LIMIT
-        keep = (~(inside & ~improving) & solvable).nonzero()[:, 0]
-        if keep.numel() < rows.numel():
-            # Final for the rows that leave here; the others are overwritten later.
-            status[rows] = torch.where(solvable, Status.CONVERGED, Status.NO_DESCENT).to(status)
-            problems, rows, weights = problems.take(keep), rows[keep], weights[keep]
-            passive, barred, newest, ridge = (v[keep] for v in (passive, barred, newest, ridge))
-        if not keep.numel():
-            break
-    status[rows] = Status.LIMIT
-    return result, status
-
-
-def _toward(
-    weights: Tensor, point: Tensor, passive: Tensor, inside: Tensor, failed: Tensor
-) -> tuple[Tensor, Tensor]:
-    """(x `[B, J]` moved to `point` as far as x >= 0 allows, atoms `[B, J]` that reach 0)."""
-    falling = passive & (point < 0)  # [B, J]
-    ratio = torch.where(falling, weights / (weights - point), torch.inf)
-    length = ratio.amin(-1, keepdim=True).clamp_max(1)  # [B, 1]
-    length = torch.where(failed[:, None], 0.0, torch.where(inside[:, None], 1.0, length))
-    moved = torch.where(failed[:, None], weights, weights + length * (point - weights))
-    boundary = falling & (ratio <= length) & ~failed[:, None]
-    moved = torch.where(inside[:, None], point, torch.where(boundary, 0.0, moved))
-    return moved.clamp_min(0), boundary
+    total = (weights + norm).sum(-1)
+    return weights, status.masked_fill((total - total) != 0.0, Status.NOT_FINITE)

@@ -35,7 +35,7 @@ def nnls_by_supports(gram: Tensor, rhs: Tensor, allowed: Tensor) -> tuple[Tensor
     inverse = norm.clamp(min=torch.finfo(norm.dtype).tiny).rsqrt() * usable
     unit = gram * inverse[:, :, None] * inverse[:, None, :]
     matrix = unit[:, None] * member[..., None] * member[:, :, None]  # [B, N, J, J]
-    matrix.diagonal(dim1=-2, dim2=-1).copy_(1.0 + RIDGE * member)
+    matrix.diagonal(dim1=-2, dim2=-1).fill_(1.0 + RIDGE)
     factor, info = torch.linalg.cholesky_ex(matrix)
     target = (rhs * inverse[:, None])[:, None] * member[:, :, None]  # [B, N, C, J]
     point = torch.cholesky_solve(target.transpose(2, 3), factor).transpose(2, 3)

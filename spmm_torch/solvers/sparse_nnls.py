@@ -72,10 +72,11 @@ def sparse_nnls(
         return product if ridge is None else product + ridge[:, None] * vector
 
     inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]  # [N, 1]
-    conditions = Conditions.of(rhs, inverse)
+    downhill, conditions = -inverse, Conditions.of(rhs, inverse)
     x, gradient = start, times(start) - rhs
     value = _value(x, gradient, rhs)  # [C]
-    length = x.new_ones(x.shape[1])
+    whole = x.new_ones(x.shape[1])
+    length = whole
     step, last, free = torch.zeros_like(x), gradient, torch.zeros_like(x).bool()
     squared = torch.zeros_like(length)  # length of the last gradient in the metric 1 / diagonal
     open_ = conditions.violation(x, gradient) > tolerance  # [C]
@@ -83,24 +84,31 @@ def sparse_nnls(
         if (not x.is_cuda or number % CUDA_STEPS == 0) and not bool(open_.any()):
             break
         now = (x > 0.0) | (gradient < 0.0)
-        descent = -inverse * gradient * now
+        descent = downhill * gradient * now
         same = (now == free).all(0) & (length == 1.0)
         share = _ratio((descent * (last - gradient)).sum(0), squared).clamp(min=0.0) * same
         step = descent + share * step
         step = torch.where((step * gradient).sum(0) < 0.0, step, descent)
         last, free, squared = gradient, now, -(descent * gradient).sum(0)
         along = times(step)
-        reach = _ratio(-(step * gradient).sum(0), (step * along).sum(0)) * length * open_
-        free_end = x + reach * step
-        moved, changed = free_end.clamp(min=0.0), gradient + reach * along
-        bounded = (free_end < 0.0).any(0)
-        if x.is_cuda or bool(bounded.any()):
-            changed = torch.where(bounded, times(moved) - rhs, changed)
+        # Back along the step: the gradient falls towards it.
+        reach = _ratio((step * gradient).sum(0), (step * along).sum(0)) * length * open_
+        free_end = x - reach * step
+        moved = free_end.clamp(min=0.0)
+        bounded = None if x.is_cuda else (free_end < 0.0).any(0)
+        if bounded is None:  # the host would wait to know it
+            changed = times(moved) - rhs
+        else:
+            changed = gradient - reach * along
+            if bool(bounded.any()):
+                changed = torch.where(bounded, times(moved) - rhs, changed)
         found = _value(moved, changed, rhs)
         better = found <= value
         x, gradient = torch.where(better, moved, x), torch.where(better, changed, gradient)
         value = torch.where(better, found, value)
-        length = torch.where(better, torch.ones_like(length), length * BACKTRACK)
+        length = torch.where(better, whole, length * BACKTRACK)
+        if x.is_cuda and (number + 1) % CUDA_STEPS:
+            continue  # steps of converged problems, which nobody asks about, do no harm
         open_ = (conditions.violation(x, gradient) > tolerance) & (length > SHORTEST)
     left = conditions.violation(x, gradient) > tolerance
     status = torch.where(left, Status.LIMIT, Status.CONVERGED).to(STATUS_DTYPE)
@@ -113,11 +121,13 @@ class Conditions:
     """The optimality conditions of C problems, min(x, G x - b) = 0 with unit atoms.
 
     Attributes:
-        root: of the inverse of the diagonal of G, `[N, 1]`.
+        root: of the inverse of the diagonal of G, `[N, 1]`; 0 where that is 0.
+        norm: the same; 1 where that is 0, so that no x is wrong there.
         largest: the largest b, `[C]`.
     """
 
     root: Tensor
+    norm: Tensor
     largest: Tensor
 
     @classmethod
@@ -126,19 +136,19 @@ class Conditions:
         root = inverse.sqrt()
         size = (rhs * root).abs()
         largest = size.amax(0) if len(rhs) else size.sum(0)
-        return cls(root, largest.clamp(min=torch.finfo(rhs.dtype).tiny))
+        norm = torch.where(root > 0.0, root, 1.0)
+        return cls(root, norm, largest.clamp(min=torch.finfo(rhs.dtype).tiny))
 
     def violation(self, x: Tensor, gradient: Tensor) -> Tensor:
         """Largest violation by `x [N, C]` of gradient G x - b `[N, C]`, `[C]`, relative to b."""
         if not len(x):
             return x.sum(0)
-        least = torch.minimum(x / self.root, self.root * gradient)
-        return torch.where(self.root > 0.0, least, 0.0).abs().amax(0) / self.largest
+        return torch.minimum(x / self.norm, self.root * gradient).abs().amax(0) / self.largest
 
 
 def _value(x: Tensor, gradient: Tensor, rhs: Tensor) -> Tensor:
-    """1/2 x^T G x - b^T x, `[C]` float64, given `gradient` G x - b."""
-    return 0.5 * (x.double() * (gradient - rhs).double()).sum(0)
+    """Twice 1/2 x^T G x - b^T x, `[C]` float64, given `gradient` G x - b."""
+    return (x.double() * (gradient - rhs).double()).sum(0)
 
 
 def _ratio(top: Tensor, bottom: Tensor) -> Tensor:

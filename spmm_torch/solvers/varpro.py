@@ -31,9 +31,9 @@ DAMPING_DOWN, DAMPING_UP = 1.0 / 3.0, 4.0
 # Ridge relative to the mean of a diagonal: a parameter without effect must not make it singular.
 RELATIVE_RIDGE = 1e-7
 
-# Steps on a GPU after each of which mixtures that have ended are left out: the host waits to know
-# them.
-CUDA_STEPS = 4
+# Steps on a GPU after each of which the host waits to know how many mixtures go on. Those that have
+# ended are left out once they are the larger part: it takes as many operations as a part of a step.
+CUDA_STEPS = 2
 
 # Both take coordinates `[s, M, P]` and the indices `[s]` of their signals.
 ValueFunction = Callable[[Tensor, Tensor], Tensor]
@@ -83,8 +83,8 @@ class State:
         hessian: Tensor,
     ) -> State:
         """States without a step, of coordinates `[S, M, P]` and what was found there."""
-        damping, finite = torch.full_like(loss, DAMPING_START), torch.isfinite(loss)
-        return cls(coordinates, weights, loss, gradient, hessian, damping, finite, ~finite)
+        damping, failed = torch.full_like(loss, DAMPING_START), _not_finite(loss)
+        return cls(coordinates, weights, loss, gradient, hessian, damping, ~failed, failed)
 
     def take(self, rows: Tensor) -> State:
         """The state of the mixtures `rows [s]`."""
@@ -99,7 +99,7 @@ class State:
 
     def moved(self, trial: State, tolerance: float) -> State:
         """The state after a trial, which is taken where it lowers the loss of one that runs."""
-        unusable = ((self.gradient - self.gradient) != 0.0).any(1)  # NaN or infinite
+        unusable = _not_finite(self.gradient).any(1)
         gain = self.loss - trial.loss
         better = self.running & (gain > 0.0)  # False for NaN
         points = [
@@ -216,7 +216,7 @@ def _in_blocks(
     return State(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Problem:
     """What `refine_mixtures` was given of all mixtures."""
 
@@ -224,10 +224,13 @@ class _Problem:
     linearize: LinearFunction
     present: Tensor  # [S, M]
     signals: Tensor  # [S, C, D]
+    last: tuple[Tensor, Tensor, Tensor] | None = None  # rows asked for last, and both of them
 
     def at(self, coordinates: Tensor, rows: Tensor, slopes: bool) -> State:
         """Fresh states at coordinates `[s, M, P]` of the mixtures `rows [s]`."""
-        present, signals = self.present[rows], self.signals[rows]
+        if self.last is None or rows is not self.last[0]:
+            self.last = rows, self.present[rows], self.signals[rows]
+        _, present, signals = self.last
         found = self.linearize(coordinates, rows) if slopes else None  # [s, M, 1 + P, D]
         products = None if found is None else _products(found)
         rho = self.values(coordinates, rows) if found is None else found[:, :, 0]
@@ -236,13 +239,20 @@ class _Problem:
         weights = nnls_shared_gram(gram.double(), correlation, allowed=present).weights
         error = signals - weights.to(rho.dtype) @ rho  # [s, C, D]
         loss = (error * error).sum((1, 2), dtype=torch.float64)
-        size = coordinates.shape[1] * coordinates.shape[2]
-        gradient, hessian = loss.new_zeros(len(rows), size), loss.new_zeros(len(rows), size, size)
-        if found is not None and products is not None:
+        if found is None or products is None:
+            size = coordinates.shape[1] * coordinates.shape[2]
+            gradient = loss.new_zeros(len(rows), size)
+            hessian = loss.new_zeros(len(rows), size, size)
+        else:
             flat = found.flatten(1, 2)
             along = (error @ flat.transpose(1, 2)).unflatten(2, found.shape[1:3])[..., 1:]
-            gradient, hessian = _model(products.double(), along.double(), weights, present)
+            gradient, hessian = _model(products.double(), along.double(), weights)
         return State.fresh(coordinates, weights, loss, gradient, hessian)
+
+
+def _not_finite(values: Tensor) -> Tensor:
+    """True where `values [...]` are NaN or infinite, in two operations where torch takes five."""
+    return (values - values) != 0.0
 
 
 def _products(found: Tensor) -> Tensor:
@@ -251,16 +261,13 @@ def _products(found: Tensor) -> Tensor:
     return (flat @ flat.transpose(1, 2)).unflatten(1, shape).unflatten(3, shape)
 
 
-def _model(
-    products: Tensor, along: Tensor, weights: Tensor, present: Tensor
-) -> tuple[Tensor, Tensor]:
+def _model(products: Tensor, along: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     """Gradient `[S, M P]` and Gauss-Newton Hessian `[S, M P, M P]` of half the loss.
 
     Args:
         products: inner products of values and derivatives, `[S, M, 1 + P, M, 1 + P]`.
         along: those of the derivatives with the error of each channel, `[S, C, M, P]`.
         weights: `[S, C, M]`.
-        present: `[S, M]`.
     """
     parameters = along.shape[3]
     gradient = -(weights[..., None] * along).sum(1).flatten(1)
@@ -268,7 +275,7 @@ def _model(
     coupling = repeated.transpose(1, 2) @ repeated  # [S, M P, M P]
     inner = products[:, :, 1:, :, 1:].flatten(1, 2).flatten(2)  # [S, M P, M P]
     gram, cross = products[:, :, 0, :, 0], products[:, :, 0, :, 1:].flatten(2)
-    return gradient, coupling * inner - _projected_part(gram, cross, weights, repeated, present)
+    return gradient, coupling * inner - _projected_part(gram, cross, weights, repeated)
 
 
 def damped_step(hessian: Tensor, gradient: Tensor, damping: Tensor) -> Tensor:
@@ -299,9 +306,7 @@ def next_damping(damping: Tensor, better: Tensor) -> Tensor:
     return moved.clamp(DAMPING_MIN, DAMPING_MAX)
 
 
-def _projected_part(
-    gram: Tensor, cross: Tensor, weights: Tensor, repeated: Tensor, present: Tensor
-) -> Tensor:
+def _projected_part(gram: Tensor, cross: Tensor, weights: Tensor, repeated: Tensor) -> Tensor:
     """Part of the Hessian that a change of the weights absorbs [Kau75]: `[S, M P, M P]`.
 
     Args:
@@ -309,9 +314,8 @@ def _projected_part(
         cross: those with the derivatives, `[S, M, M P]`.
         weights: `[S, C, M]`.
         repeated: the same for each derivative, `[S, C, M P]`.
-        present: `[S, M]`.
     """
-    passive = ((weights > 0.0) & present[:, None]).double()  # [S, C, M]
+    passive = (weights > 0.0).double()  # [S, C, M]; those of padding are 0
     ridge = RELATIVE_RIDGE * gram.diagonal(dim1=1, dim2=2).mean(1)[:, None, None]
     masked = gram[:, None] * passive[..., :, None] * passive[..., None, :]
     masked.diagonal(dim1=2, dim2=3).add_(1.0 - passive).add_(ridge)

@@ -13,9 +13,9 @@ from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.edit.parts import with_parts
 from spmm_torch.geometry.directions import REPEAT, UBO2003_RINGS, ring_directions
 from spmm_torch.model.components import Components, encode_coefficients, encode_functions
+from spmm_torch.model.lookup import SparseWeights
 from spmm_torch.model.relief import Relief
 from spmm_torch.model.residual import Residual, encode_residual
-from spmm_torch.model.spmm import SparseWeights
 from tests.planted.lobes import random_lobes
 
 # By name: a BRDF that is new does not change what is planted.

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 from torch import Tensor
 
-from spmm_torch.solvers import nnls as module
+from spmm_torch.solvers import nnls_unit
 from spmm_torch.solvers.nnls import kkt_violation, nnls_gram, nnls_shared_gram
 from spmm_torch.solvers.nnls_supports import MOST_ATOMS, nnls_by_supports
 from spmm_torch.solvers.status import Status
@@ -42,7 +42,7 @@ def weights_of(
 @pytest.fixture(params=["pivoting", "active set only"])
 def stage(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     if request.param == "active set only":
-        monkeypatch.setattr(module, "PIVOT_ROUNDS", 0)
+        monkeypatch.setattr(nnls_unit, "PIVOT_ROUNDS", 0)
 
 
 @pytest.mark.usefixtures("stage")

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from ...config.schema import REQUIRED, setting
 from ...lobes.ragged import ranges
-from ...model.spmm import SPMM, SparseWeights
+from ...model.lookup import SparseWeights
+from ...model.spmm import SPMM
 from ..masks.rectangle import Rectangle, bounds
 from ..parts import with_parts
 from ..selection import EVERYTHING, Selection

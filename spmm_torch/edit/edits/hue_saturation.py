@@ -10,7 +10,8 @@ from torch import Tensor
 
 from ...config.schema import setting
 from ...errors import ConfigError
-from ...model.spmm import SPMM, SparseWeights
+from ...model.lookup import SparseWeights
+from ...model.spmm import SPMM
 from ..colour import MAX_SATURATION, check_change, linear_change, linear_changes, unit_colours
 from ..entries import entry_texels
 from ..groups import group_setting, lobe_group, threshold_setting

@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from ...config.schema import setting
-from ...model.spmm import SPMM, SparseWeights
+from ...model.lookup import SparseWeights
+from ...model.spmm import SPMM
 from ..groups import group_setting, lobe_group, threshold_setting
 from ..options import MAX_FACTOR, check_factor
 from ..parts import with_parts

@@ -49,11 +49,13 @@ def rounded_together(
         # The least and the largest place stay, as the scale follows from them.
         movable = (place > 2) & (place < last - 1) & chance
         moves = torch.stack((place - 1, place + 1)).clamp(0, last)
-        change = weights_at(moves, table) - weight
+        reached = weights_at(moves, table)  # [2, N, C]
+        change = reached - weight
         gain = change * (gradient + 0.5 * normal.diagonal[:, None] * change)  # [2, N, C]
         best, way = gain.min(0)
-        moved = torch.where(movable & (best < 0.0), moves.gather(0, way[None])[0], place)
-        found = weights_at(moved, table)
+        moving, way = movable & (best < 0.0), way[None]
+        moved = torch.where(moving, moves.gather(0, way)[0], place)
+        found = torch.where(moving, reached.gather(0, way)[0], weight)
         lower, steeper = _value(found, normal, products)
         better = lower < value  # not read: the host would wait
         place, weight = torch.where(better, moved, place), torch.where(better, found, weight)

@@ -90,9 +90,10 @@ def bank_at(grid: DirectionGrid, shapes: Shapes, normals: Tensor, feasible: Feas
             kappa[:, : len(shape)] = torch.tensor(shape, dtype=normals.dtype)
             model = torch.full((len(normals),), MODEL_NAMES.index(name))
             batches.append(LobeBatch(model, kappa, upward, kappa.new_zeros(len(normals))))
-    lobes = LobeBatch.cat(batches).to(normals.device)
-    coordinates = feasible.project(lobes.model, encode(lobes))
-    lobes = grid.decode(lobes.model, coordinates)
+    lobes = LobeBatch.cat(batches)
+    model, start = lobes.model.to(normals.device), encode(lobes).to(normals.device)
+    coordinates = feasible.project(model, start)
+    lobes = grid.decode(model, coordinates)
     values = grid.eval(lobes)
     norm = values.norm(dim=1)
     visible = norm > 0.0  # False for lobes whose horizon hides every measured pair

@@ -35,7 +35,7 @@ BATCH_ROWS, MAX_RESTARTS = 256, 8
 CPU_JACOBIAN_VALUES, CUDA_JACOBIAN_VALUES = 1 << 22, 1 << 30
 # Samples on which lobes are exchanged, spread over all clusters, with many restarts each. If there
 # are more samples, a turn pays only while it takes this fraction of the error away.
-FEW_ROWS, LEAST_GAIN = 32, 0.03
+FEW_ROWS, LEAST_GAIN = 32, 0.025
 # Fraction of the samples that may creep on in a narrow valley, a few thousandths of their error a
 # step, when all others have converged.
 STRAGGLERS = 0.12
@@ -74,7 +74,8 @@ class CorrectiveSearch:
     def run(self, advance: Advance) -> Mixtures:
         """Adds, refines and exchanges the lobes of every sample."""
         mixtures = self._empty()
-        self._select_from_all(mixtures)
+        if len(self.known):
+            self._select_from_all(mixtures)
         self._grow(mixtures, advance)
         self._polish(mixtures)
         self._exchange_in_turns(mixtures, advance)
@@ -245,10 +246,9 @@ class CorrectiveSearch:
             restarts = max(1, min(MAX_RESTARTS, BATCH_ROWS // len(rows)))
         starts = self._starts(error, restarts)  # [R, s], indices into the bank
         slot = (~mixtures.present).to(torch.int8).argmax(1)  # the first free one, [s]
-        trials = [self._with_lobe(mixtures, slot, start) for start in starts]
-        columns = zip(*(trial.tensors() for trial in trials), strict=True)
-        joined = Mixtures(*(torch.cat(column) for column in columns))
-        refined = self._refine(joined, rows.repeat(len(starts)), self.config.refine_steps)
+        each = torch.arange(len(rows), device=rows.device).repeat(len(starts))
+        joined = self._with_lobe(mixtures.take(each), slot[each], starts.flatten())
+        refined = self._refine(joined, rows[each], self.config.refine_steps)
         which = best_start(refined.loss.view(len(starts), -1))  # [s]
         return refined.take(which * len(rows) + torch.arange(len(rows), device=which.device))
 
@@ -273,14 +273,17 @@ class CorrectiveSearch:
 
         That is the signals minus the mixtures, unless other errors count.
         """
-        parts = []
-        for some in torch.arange(len(rows), device=rows.device).split(self._block):
-            own, signals = mixtures.take(some), self.signals[rows[some]]
-            if self.exact is None:
-                parts.append(signals - own.values(self.grid))
-            else:
-                parts.append(self.exact.downward(own, rows[some]))
+        if len(rows) <= self._block:
+            return self._left(mixtures, rows)
+        places = torch.arange(len(rows), device=rows.device).split(self._block)
+        parts = [self._left(mixtures.take(some), rows[some]) for some in places]
         return torch.cat(parts)
+
+    def _left(self, mixtures: Mixtures, rows: Tensor) -> Tensor:
+        """`_errors` of as many samples as the memory takes."""
+        if self.exact is None:
+            return self.signals[rows] - mixtures.values(self.grid)
+        return self.exact.downward(mixtures, rows)
 
     def _with_lobe(self, mixtures: Mixtures, slot: Tensor, atom: Tensor) -> Mixtures:
         """The mixtures with bank lobes `atom [s]` in `slot [s]`."""

@@ -20,7 +20,7 @@ from spmm_torch.edit.edits.hue_saturation import non_negative
 from spmm_torch.edit.entries import entry_texels
 from spmm_torch.edit.look import sample_look
 from spmm_torch.edit.parts import with_parts
-from spmm_torch.model.spmm import SparseWeights
+from spmm_torch.model.lookup import SparseWeights
 from tests.edit.looks import check_valid, look
 
 
