@@ -173,8 +173,8 @@ class _Problem:
 
     def take(self, kept: Tensor) -> _Problem:
         """The problem of the mixtures `kept` of these."""
-        parts = (part[kept] for part in (self.present, self.signals, self.rows))
-        return _Problem(self.values, self.linearize, *parts, self.block)
+        present, signals, rows = self.present[kept], self.signals[kept], self.rows[kept]
+        return _Problem(self.values, self.linearize, present, signals, rows, self.block)
 
     def at(self, coordinates: Tensor, *, slopes: bool) -> _State:
         """Fresh states at coordinates `[s, M, P]`."""
@@ -183,7 +183,7 @@ class _Problem:
         if len(self.rows) <= size:
             return self._block(*given, slopes)
         split = zip(*(part.split(size) for part in given), strict=True)
-        parts = [vars(self._block(*part, slopes)).values() for part in split]
+        parts = [vars(self._block(a, b, c, d, slopes)).values() for a, b, c, d in split]
         return _State(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
     def _block(
