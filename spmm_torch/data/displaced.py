@@ -78,7 +78,8 @@ class DisplacedStore:
     @cached_property
     def _centres(self) -> Tensor:
         """uv `[T, 2]` of the centres of all texels."""
-        return texel_centres(*self.field.height.shape, self.view)
+        height, width = self.field.height.shape
+        return texel_centres(height, width, self.view)
 
     def _pixels(self, rows: Tensor) -> Tensor:
         """The pixels `[n, V]` that show texels `rows [n]`."""
