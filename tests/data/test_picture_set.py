@@ -220,7 +220,7 @@ def truncated_jpeg() -> bytes:
     ("content", "message"),
     [
         (truncated_jpeg(), "truncated"),
-        (b"", "cannot be read"),
+        (b"", "an empty file"),
         (b"not a picture", "cannot identify"),
         (encode(np.zeros((4, 6, 3), np.uint8)), "is 6 x 4; expected 5 x 4"),
         (encode(np.zeros((4, 5, 4), np.uint8)), "transparent in places"),

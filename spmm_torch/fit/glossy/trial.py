@@ -40,7 +40,7 @@ def look_right(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> Ten
         values: of the texels, `[n, C, D]`.
         search: settings of the search.
     """
-    feasible = Feasible.build(search.min_width * grid.spacing)
+    feasible = Feasible.build(search.min_width * grid.spacing).to(grid.light)
     bank = build_bank(grid, search.models, NORMALS, feasible)
     finder = CorrectiveSearch(grid, bank, feasible, search, values, bank.lobes[:0])
     found = finder.run(lambda steps: None).values(grid)  # [n, C, D]
