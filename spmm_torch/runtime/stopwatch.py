@@ -28,11 +28,13 @@ class Stopwatch:
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Times the block under `with` as part of a stage."""
-        start = self._now()
+        start = perf_counter()  # no work is queued: the block before has waited for its own
         try:
             yield
         finally:
-            self._add(stage, self.fraction * (self._now() - start))
+            if self.device.type == "cuda":
+                torch.cuda.synchronize(self.device)
+            self._add(stage, self.fraction * (perf_counter() - start))
 
     def one_of(self, count: int) -> Self:
         """A stopwatch for one of `count` pieces of work that run at the same time."""
@@ -45,8 +47,3 @@ class Stopwatch:
 
     def _add(self, stage: str, spent: float) -> None:
         self.seconds[stage] = self.seconds.get(stage, 0.0) + spent
-
-    def _now(self) -> float:
-        if self.device.type == "cuda":
-            torch.cuda.synchronize(self.device)
-        return perf_counter()

@@ -73,7 +73,7 @@ def test_samples_of_a_material_follow_their_density(name: str) -> None:
         def density(wi: Tensor, wo: Tensor = wo) -> Tensor:
             return model.pdf(middle, wi.double(), wo)
 
-        outcome = check(drawn, density, 50_000, 16, 32, seed=120 + number)
+        outcome = check(drawn, density, 50_000, 64, 128, seed=120 + number)
         assert outcome.accepted, (polar, outcome)
 
 

@@ -233,7 +233,7 @@ class CorrectiveSearch:
         weights = weights.to(rho.dtype)
         if self.exact is None:
             return present, signals - weights @ rho
-        without = replace(mixtures, present=present, weights=weights)
+        without = replace(mixtures, present=present, weights=weights.transpose(1, 2))
         return present, self.exact.downward(without, rows)
 
     def _add_best(self, mixtures: Mixtures, rows: Tensor, error: Tensor) -> Mixtures:
