@@ -32,8 +32,7 @@ class Stopwatch:
         try:
             yield
         finally:
-            if self.device.type == "cuda":
-                torch.cuda.synchronize(self.device)
+            self._wait()
             self._add(stage, self.fraction * (perf_counter() - start))
 
     def one_of(self, count: int) -> Self:
@@ -47,3 +46,8 @@ class Stopwatch:
 
     def _add(self, stage: str, spent: float) -> None:
         self.seconds[stage] = self.seconds.get(stage, 0.0) + spent
+
+    def _wait(self) -> None:
+        """Waits for queued work."""
+        if self.device.type == "cuda":
+            torch.cuda.synchronize(self.device)
