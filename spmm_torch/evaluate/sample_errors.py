@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from ..data.scattered_btf import ScatteredBTF
 from ..errors import DataError
 from ..metrics import Totals, snr_db
 from ..model.spmm import SPMM
-from ..runtime.memory import slices
+from ..runtime.memory import blocks_of, slices
 from .angles import BAND_MIDDLES, BANDS, AngleTable, band
 from .predictions import Tabulated
 from .worst import LISTED, degrees
@@ -69,7 +69,9 @@ def sample_errors(
             f"samples of texels; expected a model of a flat surface; fit one by relief.mode=off."
         )
     sums = _Sums.of(btf.texel_count)
-    for some in _tabulated_together(btf.lists, len(model.dictionary)):
+    lobes = len(model.dictionary)
+    # Short lists by so many as one table holds.
+    for some in blocks_of(btf.lists, lambda part: len(part.wi) * _rows(part, lobes), BLOCK_VALUES):
         _add_lists(sums, model, some)
         progress(sum(len(part.texels) for part in some))
     return sums.result()
@@ -78,21 +80,6 @@ def sample_errors(
 def _rows(part: PairList, lobes: int) -> int:
     """Values at each pair of a list that are held at once."""
     return max(1, lobes, min(len(part.texels), BLOCK_TEXELS))
-
-
-def _tabulated_together(lists: Sequence[PairList], lobes: int) -> Iterator[list[PairList]]:
-    """Lists one after another, short ones by so many as one table holds."""
-    block: list[PairList] = []
-    size = 0
-    for part in lists:
-        own = len(part.wi) * _rows(part, lobes)
-        if block and size + own > BLOCK_VALUES:
-            yield block
-            block, size = [], 0
-        block.append(part)
-        size += own
-    if block:
-        yield block
 
 
 def _add_lists(sums: _Sums, model: SPMM, parts: list[PairList]) -> None:

@@ -9,11 +9,11 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, TypeVar
 
 import torch
 from torch import Tensor
@@ -24,6 +24,9 @@ try:
     import resource
 except ImportError:  # Windows has none
     resource = None
+
+T = TypeVar("T")
+
 # Fraction of the free memory that a run may take, unless a limit is given.
 DEFAULT_FRACTION = 0.5
 # Bytes of memory where the system tells none: --max-memory says more.
@@ -166,6 +169,21 @@ def slices(count: int, size: int) -> Iterator[slice]:
     """Consecutive slices of length `size`, the last one shorter, that cover `count` items."""
     for start in range(0, count, size):
         yield slice(start, min(start + size, count))
+
+
+def blocks_of(items: Iterable[T], size: Callable[[T], int], most: int) -> Iterator[list[T]]:
+    """Items in their order, in blocks of at most `most` by `size`; a larger item is alone."""
+    block: list[T] = []
+    total = 0
+    for item in items:
+        own = size(item)
+        if block and total + own > most:
+            yield block
+            block, total = [], 0
+        block.append(item)
+        total += own
+    if block:
+        yield block
 
 
 # What systems say that cannot reserve space; macOS and Windows lack the function.

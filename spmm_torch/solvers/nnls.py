@@ -1,8 +1,7 @@
 """Batched non-negative least squares in Gram form.
 
 Solves argmin_{x >= 0} 1/2 x^T G x - b^T x, with G = D^T D and b = D^T y, for many small problems
-at once. Both stages are exact: block principal pivoting [PJV94] with the exchange rule of [KP11]
-solves nearly every problem in a few rounds, the active set of [LH74] solves the rest.
+at once: few atoms by all their supports, others as problems of unit atoms; both are exact.
 
 The dual is w = b - G x, minus the gradient, as in [LH74]. A minimizer has w <= 0, and w = 0 where
 x > 0.
@@ -10,11 +9,6 @@ x > 0.
 References:
     [LH74] Charles L. Lawson, Richard J. Hanson, Solving Least Squares Problems, Prentice-Hall,
         1974, ch. 23.
-    [PJV94] Luis F. Portugal, Joaquim J. Judice, Luis N. Vicente, A Comparison of Block Pivoting and
-        Interior-Point Algorithms for Linear Least Squares Problems with Nonnegative Variables,
-        Mathematics of Computation 63(208), 1994.
-    [KP11] Jingu Kim, Haesun Park, Fast Nonnegative Matrix Factorization: An Active-Set-Like Method
-        and Comparisons, SIAM Journal on Scientific Computing 33(6), 2011, §3.
 """
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ from spmm_torch.errors import ConfigError, OutputError
 from spmm_torch.runtime import memory
 from spmm_torch.runtime.memory import (
     Budget,
+    blocks_of,
     free_memory,
     held_memory,
     scratch,
@@ -185,3 +186,12 @@ def test_peak_is_that_of_this_process_alone() -> None:
         held[:: mmap.PAGESIZE] = b"1" * (2 * GIB // mmap.PAGESIZE)
         result = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
     assert 0 < int(result.stdout) < GIB
+
+
+@given(st.lists(st.integers(0, 9)), st.integers(1, 12))
+def test_blocks_are_full_and_in_order(sizes: list[int], most: int) -> None:
+    blocks = list(blocks_of(sizes, lambda size: size, most))
+    assert [size for block in blocks for size in block] == sizes
+    assert all(block and (len(block) == 1 or sum(block) <= most) for block in blocks)
+    following = zip(blocks, blocks[1:], strict=False)
+    assert all(sum(block) + after[0] > most for block, after in following)

@@ -6,6 +6,7 @@ A list of a few dozen pairs takes longer to call for than to compute.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 
 import torch
 from torch import Tensor
@@ -16,6 +17,7 @@ from ...data.pair_lists import PairedBTF, PairList
 from ...lobes.batch import LobeBatch
 from ...lobes.grid import DirectionGrid
 from ...metrics import Totals
+from ...runtime.memory import blocks_of
 from ...solvers.foba import select_foba
 from ...solvers.status import Solver, StatusCounts
 from ..problem import Problem
@@ -48,18 +50,11 @@ def _blocks(
     parts: Sequence[PairList], lobes: int, config: SelectConfig
 ) -> Iterator[list[PairList]]:
     """Lists in the order of their lengths, in blocks that may have as many lobes a texel."""
-    block: list[PairList] = []
-    size, most = 0, None
-    for part in sorted(parts, key=lambda part: len(part.wi)):
-        own = len(part.texels) * lobes * max(len(part.wi), lobes)
-        limit = limited(config, len(part.wi)).max_lobes
-        if block and (size + own > BLOCK_VALUES or limit != most):
-            yield block
-            block, size = [], 0
-        block.append(part)
-        size, most = size + own, limit
-    if block:
-        yield block
+    ordered = sorted(parts, key=lambda part: len(part.wi))
+    for _, alike in groupby(ordered, lambda part: limited(config, len(part.wi)).max_lobes):
+        yield from blocks_of(
+            alike, lambda part: len(part.texels) * lobes * max(len(part.wi), lobes), BLOCK_VALUES
+        )
 
 
 def _fit_block(

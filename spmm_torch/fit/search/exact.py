@@ -79,7 +79,8 @@ class ExactErrors:
 
         Its product with a scaled lobe is that of the lobe with minus half the gradient.
         """
-        wanted = -self._slopes(mixtures.values(self.grid.unscaled), rows)[0]
+        parts = self._apart(mixtures.values(self.grid.unscaled), rows)
+        wanted = -self._slopes(*parts, rows)[0]
         scale = self.grid.scale
         if scale is None:
             return wanted
@@ -99,10 +100,7 @@ class ExactErrors:
         result = refine_curved(
             functions.linearized,
             functions.project,
-            lambda values, own: (
-                self._total(values, rows[own]),
-                *self._slopes(values, rows[own]),
-            ),
+            lambda values, own: self._judged(values, rows[own]),
             mixtures.coordinates,
             mixtures.weights,
             mixtures.present,
@@ -126,30 +124,53 @@ class ExactErrors:
 
     def _total(self, values: Tensor, rows: Tensor) -> Tensor:
         """The errors `[s]` float64 of values `[s, C, D]`."""
-        own, told, values = self.compression, *self._in_units(values, rows)
-        error = own.seen * (own.compressed(values) - own.compressed(told)).square()
-        if own.plain:
-            error = error + own.plain * (values - told).square()
+        return self._sum(*self._apart(values, rows)[1:])
+
+    def _judged(self, values: Tensor, rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The errors `[s]` float64 of values `[s, C, D]`; see `_slopes`."""
+        parts = self._apart(values, rows)
+        return self._sum(*parts[1:]), *self._slopes(*parts, rows)
+
+    def _apart(self, values: Tensor, rows: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Values `[s, C, D]` in the units that count, and what they are above the samples.
+
+        Returns:
+            (values; these minus the samples `rows [s]`; the same of compressed values).
+        """
+        values = values / self._unit[rows]
+        seen = self.compression.compressed(values) - self._compressed[rows]
+        return values, values - self._told[rows], seen
+
+    def _sum(self, plain: Tensor, seen: Tensor) -> Tensor:
+        """The errors `[s]` float64 of differences `[s, C, D]`; see `_apart`."""
+        error = self.compression.seen * seen.square()
+        if self.compression.plain:
+            error = error + self.compression.plain * plain.square()
         return (self.factor * error).sum((1, 2), dtype=torch.float64)
 
-    def _slopes(self, values: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Half the gradient and half the curvature of the errors, `[s, C, D]`."""
-        own, told, values = self.compression, *self._in_units(values, rows)
-        unit = self._unit[rows]
+    def _slopes(
+        self, values: Tensor, plain: Tensor, seen: Tensor, rows: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Half the gradient and half the curvature of the errors, `[s, C, D]`; see `_apart`."""
+        own, unit = self.compression, self._unit[rows]
         slope = (values + own.dark) ** (-0.5 * own.exponent)
-        seen = (own.compressed(values) - own.compressed(told)) * slope
-        gradient = self.factor * (own.plain * (values - told) + own.seen * seen)
+        gradient = self.factor * (own.plain * plain + own.seen * (seen * slope))
         return gradient / unit, self.factor * own.curvature(values) / unit.square()
-
-    def _in_units(self, values: Tensor, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """The samples `rows [s]`, and values of mixtures `[s, C, D]`, in the units that count."""
-        unit = self._unit[rows]
-        return self.values[rows] / unit, values / unit
 
     @cached_property
     def _unit(self) -> Tensor:
         """Unit of each sample, `[S, 1, 1]`."""
         return self.compression.units(self.values)
+
+    @cached_property
+    def _told(self) -> Tensor:
+        """The samples in the units that count, `[S, C, D]`."""
+        return self.values / self._unit
+
+    @cached_property
+    def _compressed(self) -> Tensor:
+        """The same, compressed: roots are the most of what an error takes."""
+        return self.compression.compressed(self._told)
 
 
 def held(mixtures: Mixtures, grid: DirectionGrid, peak: Unresolved, resolved: float) -> LobeBatch:
