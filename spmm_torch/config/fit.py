@@ -312,10 +312,10 @@ class RefitConfig:
     """The last fit of weights and residual, to the pictures themselves."""
 
     steps: int = setting(
-        20, "maximum number of steps that weights, and then the residual, are refit", low=0
+        15, "maximum number of steps that weights, and then the residual, are refit", low=0
     )
     sweeps: int = setting(
-        1, "number of times that functions and coefficients of the residual are fit in turn", low=1
+        2, "number of times that functions and coefficients of the residual are fit in turn", low=1
     )
 
 

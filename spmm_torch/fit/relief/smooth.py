@@ -44,12 +44,12 @@ def _paths(cost: Tensor, repeats: bool, step: float, jump: float) -> Tensor:
     rows = cost.shape[2]
     start = -min(RUN_UP, rows) if repeats else 0
     path, kept = cost[:, :, start], []
-    wall = torch.full_like(path[:1], float("inf"))
+    walled = cost.new_full((len(cost) + 2, *path.shape[1:]), float("inf"))
+    above = walled[1:-1]  # costs of the row before, over its least, between two walls
     for row in range(start, rows):
-        least = path.amin(0, keepdim=True)
-        walled = torch.cat((wall, path, wall))
-        near = torch.minimum(path, torch.minimum(walled[2:], walled[:-2]) + step)
-        path = cost[:, :, row] + torch.minimum(near, least + jump) - least
+        torch.sub(path, path.amin(0, keepdim=True), out=above)
+        near = torch.minimum(above, torch.minimum(walled[2:], walled[:-2]) + step)
+        path = cost[:, :, row] + near.clamp(max=jump)
         if row >= 0:
             kept.append(path)
     return torch.stack(kept, dim=2).transpose(0, 1)
