@@ -81,7 +81,8 @@ def sparse_nnls(
     squared = torch.zeros_like(length)  # length of the last gradient in the metric 1 / diagonal
     open_ = conditions.violation(x, gradient) > tolerance  # [C]
     for number in range(steps):
-        if (not x.is_cuda or number % CUDA_STEPS == 0) and not bool(open_.any()):
+        asked = not x.is_cuda or (number > 0 and number % CUDA_STEPS == 0)
+        if asked and not bool(open_.any()):
             break
         now = (x > 0.0) | (gradient < 0.0)
         descent = downhill * gradient * now

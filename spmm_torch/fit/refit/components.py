@@ -80,7 +80,7 @@ def coefficients(
     size = (left * step).sum()
     tiny = torch.finfo(size.dtype).tiny
     for number in range(steps):
-        asked = not size.is_cuda or number % CUDA_STEPS == 0
+        asked = not size.is_cuda or (number > 0 and number % CUDA_STEPS == 0)
         if asked and not bool(size > CONVERGED * first):
             break
         along = seen(step, gram, lookups)
