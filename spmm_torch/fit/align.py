@@ -10,6 +10,7 @@ from torch import Tensor
 from ..errors import ConfigError
 from ..geometry.directions import MIRROR, REPEAT
 from ..model.relief import MAX_HEIGHT, Relief
+from ..runtime.allocator import give_back_freed_memory
 from .problem import Problem
 from .relief.estimate import estimate_relief
 
@@ -85,6 +86,7 @@ def align(problem: Problem) -> Problem:
 
     with context.progress.stage("relief"):
         found = context.once("relief", FoundRelief, work)
+    give_back_freed_memory()
     relief = found.relief(problem.pictures.texel_count)
     return problem if relief is None else problem.through(relief)
 

@@ -23,6 +23,16 @@ def csr_matrix(offset: Tensor, column: Tensor, value: Tensor, shape: tuple[int, 
     return torch.sparse_csr_tensor(offset, column, value, shape, check_invariants=False)
 
 
+def sparse_product(matrix: Tensor, dense: Tensor) -> Tensor:
+    """The product of a sparse CSR matrix `[M, N]` and a dense one `[N, R]`, without gradients.
+
+    The operator `@` first fills the result with zeros and copies it, which takes longer than the
+    product with a matrix of four entries a row.
+    """
+    result = dense.new_empty(matrix.shape[0], dense.shape[1])
+    return torch.addmm(result, matrix, dense, beta=0, out=result)
+
+
 @cache
 def _take_notice() -> None:
     """Makes the first sparse matrix of the process, which alone brings the notice."""

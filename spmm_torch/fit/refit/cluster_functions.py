@@ -17,6 +17,7 @@ from torch.nn.functional import one_hot
 from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
+from ...runtime.sparse import sparse_product
 from .lookups import Lookups
 from .matrices import channel_matrices, solve_with_ridge
 from .pictures import pictures_of
@@ -113,7 +114,8 @@ def left_over(
     count = pixels.double().square().sum(0)
     weights = channel_matrices(entries, rho.shape[1])
     for view in ranks.share(torch.arange(views)).tolist():
-        value = torch.stack([weight @ rho[view] for weight in weights], dim=-1)  # [T, L, C]
+        shown = [sparse_product(weight, rho[view]) for weight in weights]
+        value = torch.stack(shown, dim=-1)  # [T, L, C]
         if components is not None:
             functions, coefficient = components
             value += torch.einsum("tr,rlc->tlc", coefficient, functions[view])
@@ -122,8 +124,8 @@ def left_over(
         run = slice(view, view + 1)
         picture = pictures_of(pictures, run, lookups, device)[0]  # [T, L C]
         drawn = lookups.drawn(run)
-        left = picture - drawn @ value.flatten(1)
-        seen = drawn @ member  # [T, K]
+        left = picture - sparse_product(drawn, value.flatten(1))
+        seen = sparse_product(drawn, member)  # [T, K]
         products[view] = (seen.T @ left).view(-1, *shape)
         gram[view] = seen.T @ seen
         energy[view] = left.double().square().sum(0).view(shape)

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ...model.lookup import SparseWeights
+from ...runtime.sparse import sparse_product
 from .lookups import Lookups
 from .matrices import joint_matrix, products_at, rows_by_view, side_by_side
 
@@ -30,7 +31,7 @@ def first_coefficients(
         rank: R.
     """
     lobes = torch.einsum("jd,dpc->jcp", rho, functions)
-    shown = joint_matrix(entries, len(lobes)) @ lobes.flatten(0, 1)  # [T, P]
+    shown = sparse_product(joint_matrix(entries, len(lobes)), lobes.flatten(0, 1))  # [T, P]
     left = points.double() - shown.double()
     return torch.linalg.svd(left, full_matrices=False).U[:, :rank].to(points.dtype)
 
@@ -132,6 +133,6 @@ def seen_by_components(entries: SparseWeights, kernel: Tensor, lookups: Lookups)
     shape = (len(entries.offset) - 1, kernel.shape[3])
     total = torch.zeros(shape, dtype=torch.float64, device=kernel.device)
     for run in lookups.runs():
-        shown = weights @ side_by_side(kernel[run].flatten(1, 2))  # [T, n R]
+        shown = sparse_product(weights, side_by_side(kernel[run].flatten(1, 2)))  # [T, n R]
         total += lookups.squared(run, rows_by_view(shown, run))
     return total

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ...geometry.relief import HeightField
 from ...runtime.memory import slices
-from ...runtime.sparse import csr_matrix
+from ...runtime.sparse import csr_matrix, sparse_product
 from .matrices import matrix_of
 
 # Pairs of corners of a 2 x 2 block, a before b: corners are in the order of rows.
@@ -79,13 +79,17 @@ class Lookups:
         if not self.mixed:
             own = values * self._own_squares(run)
             return own if len(own) == self.texel.shape[1] else self._by_view(own).sum(0)
-        return self.gathered(run) @ (self.drawn(run, apart=True) @ values)
+        return sparse_product(
+            self.gathered(run), sparse_product(self.drawn(run, apart=True), values)
+        )
 
     def squared_apart(self, run: slice, values: Tensor) -> Tensor:
         """W_v^T W_v times the same values `[T, R]` in each of n consecutive views, `[n, T, R]`."""
         if not self.mixed:
             return values * self._by_view(self._own_squares(run))
-        return self._by_view(self.gathered(run, apart=True) @ (self.drawn(run) @ values))
+        return self._by_view(
+            sparse_product(self.gathered(run, apart=True), sparse_product(self.drawn(run), values))
+        )
 
     def _own_squares(self, run: slice) -> Tensor:
         """Squared weights of the pixels of views that each show their own texel, `[n T, 1]`."""
@@ -155,13 +159,14 @@ class Lookups:
         own = torch.arange(views, dtype=texel.dtype, device=texel.device) * texel.shape[1]
         return texel + own[:, None, None]
 
-    def squares(self) -> Tensor:
-        """W_v^T W_v of all views, `[V, T, 5]`: of each texel and its neighbours in `HALF`."""
-        views, texels = self.texel.shape[:2]
-        table = torch.zeros(views, texels * len(HALF), device=self.texel.device)
-        for run in self.runs():
-            self._add_squares(table[run].flatten(), run)
-        return table.view(views, texels, len(HALF))
+    def squares(self, views: slice) -> Tensor:
+        """W_v^T W_v of n consecutive views, `[n, T, 5]`: of each texel and those in `HALF`."""
+        count, texels = views.stop - views.start, self.texel.shape[1]
+        table = torch.zeros(count, texels * len(HALF), device=self.texel.device)
+        for run in self.runs(views.start, views.stop):
+            here = slice(run.start - views.start, run.stop - views.start)
+            self._add_squares(table[here].flatten(), run)
+        return table.view(count, texels, len(HALF))
 
     def _add_squares(self, table: Tensor, run: slice) -> None:
         """Adds those of n views to `table [n T 5]`."""
@@ -184,12 +189,12 @@ class Lookups:
 
 def _seen(surface: HeightField, view: Tensor, drift: Tensor | None) -> tuple[Tensor, Tensor]:
     """Texels `[V, T, 4]` int32 and weights `[V, T, 4]` of views `[V, 3]` that drift `[V, 2]`."""
-    texels, weights = [], []
+    shape = (len(view), surface.height.numel(), 4)
+    texels, weights = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
     for v in range(len(view)):  # on the CPU, whose caches a view fills
         found = surface.footprint(view[v : v + 1], None if drift is None else drift[v : v + 1])
-        texels.append(found.texel[0].int())
-        weights.append(found.weight[0].float())
-    return torch.stack(texels), torch.stack(weights)
+        texels[v], weights[v] = found.texel[0], found.weight[0]
+    return texels, weights
 
 
 def _alone(texels: int, views: int) -> tuple[Tensor, Tensor]:

@@ -60,10 +60,9 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
     column = torch.empty(int(start[-1]), dtype=torch.int32, device=count.device)
     value = torch.zeros(len(column), device=count.device)
     own = torch.zeros(len(entries.index), device=count.device)
-    squares = lookups.squares()  # [V, T, 5]
     blocks = _blocks(lines * count)
     for views in slices(len(rho), _views_at_once(rho.shape[1])):
-        gram, table = _lobe_products(rho[views]), squares[views].flatten(1).T.contiguous()
+        gram, table = _lobe_products(rho[views]), lookups.squares(views).flatten(1).T.contiguous()
         for texels in blocks:
             pairs = _Pairs.of(entries, rho.shape[1], around, sides, texels)
             if not len(pairs.other):

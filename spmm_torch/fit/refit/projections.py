@@ -14,6 +14,7 @@ from torch import Tensor
 from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
+from ...runtime.sparse import sparse_product
 from .lookups import Lookups
 from .matrices import by_channel, columns_by_view, joint_matrix, matrix_of, products_at
 from .pictures import pictures_of
@@ -75,13 +76,16 @@ def project(
     sums = torch.zeros(2, dtype=torch.float64, device=device)
     members = _members(labels.to(device), lookups.pixel)
     pattern = joint_matrix(entries, rho.shape[1])
-    for run in lookups.runs(*ranks.span(lookups.views)):
+    runs = lookups.runs(*ranks.span(lookups.views))
+    for run in runs:  # before the pictures: what is kept would lie in the holes that these leave
+        lookups.gathered(run, apart=True)
+    for run in runs:
         picture = pictures_of(pictures, run, lookups, device)  # [n, T, L C]
         if scale is not None:
             by_view = scale.view(lookups.views, 1, -1)[run]
             picture = picture * by_view.repeat_interleave(channels, dim=2)
         sums = sums + _sums(picture, members)
-        shown = lookups.gathered(run, apart=True) @ picture.flatten(0, 1)
+        shown = sparse_product(lookups.gathered(run, apart=True), picture.flatten(0, 1))
         lobes += products_at(pattern, columns_by_view(shown, run), by_channel(rho[run], channels))
         advance(ranks.size * (run.stop - run.start))
     energy, means = ranks.sum(sums.cpu()).tolist()
@@ -112,6 +116,6 @@ def _sums(pictures: Tensor, members: tuple[Tensor, Tensor]) -> Tensor:
     """
     matrix, count = members
     energy = torch.linalg.vector_norm(pictures, dim=2).double().square().sum()
-    total = torch.stack([matrix @ rows for rows in pictures]).double()  # [n, K, L C]
+    total = torch.stack([sparse_product(matrix, rows) for rows in pictures]).double()  # [n, K, L C]
     means = (total.square() / count[:, None]).sum()
     return torch.stack((energy, means))

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ...model.lookup import SparseWeights
 from ...model.stored_weights import encode_weights, is_coded, weight_table, weights_at
+from ...runtime.sparse import sparse_product
 from .normal import NormalMatrix
 
 # Rounds of moves, and the share of all weights that may move in one: moves of neighbours would
@@ -65,5 +66,5 @@ def rounded_together(
 
 def _value(weight: Tensor, normal: NormalMatrix, products: Tensor) -> tuple[Tensor, Tensor]:
     """Half of the squared error, less a constant, `[]` float64, and its gradient `[N, C]`."""
-    gradient = normal.matrix @ weight - products.float()
+    gradient = sparse_product(normal.matrix, weight) - products.float()
     return 0.5 * (weight.double() * (gradient.double() - products)).sum(), gradient

@@ -12,6 +12,7 @@ from ...lobes.batch import LobeBatch
 from ...metrics import Totals
 from ...model.lookup import SparseWeights
 from ...model.residual import decode_residual, encode_residual
+from ...runtime.allocator import give_back_freed_memory
 from ..problem import Problem
 from ..residual.missing import MissingPairs
 from ..select.clusters import PRECISIONS
@@ -69,6 +70,7 @@ class Setup:
         problem, rho = self.problem, self.scaled_rho
         lookups = self.lookups(problem.weights.of_texels(slice(None)))
         normal = normal_matrix(entries, rho, lookups)
+        give_back_freed_memory()
         products = problem.context.once(
             "pictures",
             Projections,

@@ -17,6 +17,7 @@ from torch import Tensor
 from ...data import BTF
 from ...model.lookup import SparseWeights
 from ...runtime.ranks import Ranks
+from ...runtime.sparse import sparse_product
 from .lookups import Lookups
 from .matrices import (
     by_channel,
@@ -96,11 +97,12 @@ def sweep(
         left = pictures_of(pictures, run, lookups, device)  # [n, T, L C]
         if exact:
             left = left - lobes.drawn(lookups, run, channels).view_as(left)
-        seen = (lookups.drawn(run) @ coefficient).unflatten(0, (-1, len(coefficient)))  # [n, T, R]
+        rows = sparse_product(lookups.drawn(run), coefficient)
+        seen = rows.view(-1, *coefficient.shape)  # [n, T, R]
         across = seen.transpose(1, 2)
         rhs = across @ left
         if not exact:  # with S = W_v c and lobes J: S^T (Y - W_v J) = S^T Y - (W_v^T S)^T J
-            rhs -= lobes.shown_by(lookups.gathered(run, apart=True) @ seen.flatten(0, 1), run)
+            rhs -= lobes.shown_by(sparse_product(lookups.gathered(run, apart=True), rows), run)
         found = solve_with_ridge(across @ seen, rhs, RIDGE).unflatten(2, (lights, channels))
         if kept is not None:
             found = found * kept[run][:, None, :, None]
@@ -109,8 +111,8 @@ def sweep(
             found = found * scale.view(-1, 1, lights, 1)[run].square()
         shown = (left @ found.flatten(2).transpose(1, 2)).flatten(0, 1)  # [n T, R]
         if not exact:
-            shown -= lookups.drawn(run, apart=True) @ lobes.along(found, run)
-        products += lookups.gathered(run) @ shown
+            shown -= sparse_product(lookups.drawn(run, apart=True), lobes.along(found, run))
+        products += sparse_product(lookups.gathered(run), shown)
         advance(ranks.size * (run.stop - run.start))
     return Swept(ranks.sum(functions), ranks.sum(products))
 
@@ -136,12 +138,12 @@ class _Lobes:
 
     def drawn(self, lookups: Lookups, run: slice, channels: int) -> Tensor:
         """What pixels show `[n T, L C]`."""
-        values = self.weight @ by_channel(self.rho[run], channels).T  # [T, n L C]
-        return lookups.drawn(run, apart=True) @ rows_by_view(values, run)
+        values = sparse_product(self.weight, by_channel(self.rho[run], channels).T)  # [T, n L C]
+        return sparse_product(lookups.drawn(run, apart=True), rows_by_view(values, run))
 
     def shown_by(self, columns: Tensor, run: slice) -> Tensor:
         """Products `[n, R, L C]` of rows of texels `[n T, R]` with what the lobes show there."""
-        joint = self.transposed @ columns_by_view(columns, run)  # [J C, n R]
+        joint = sparse_product(self.transposed, columns_by_view(columns, run))  # [J C, n R]
         views, lobes = run.stop - run.start, self.rho.shape[1]
         joint = joint.view(lobes, -1, views, columns.shape[1])
         return torch.einsum("jcnr,njl->nrlc", joint, self.rho[run]).flatten(2)
@@ -149,4 +151,4 @@ class _Lobes:
     def along(self, functions: Tensor, run: slice) -> Tensor:
         """Products `[n T, R]` of what lobes show at each texel with functions `[n, R, L, C]`."""
         joint = torch.einsum("njl,nrlc->jcnr", self.rho[run], functions)
-        return rows_by_view(self.weight @ joint.flatten(2).flatten(0, 1), run)
+        return rows_by_view(sparse_product(self.weight, joint.flatten(2).flatten(0, 1)), run)

@@ -10,6 +10,7 @@ from torch import Tensor
 from ...metrics import Totals, snr_db
 from ...model.lookup import SparseWeights
 from ...model.stored_weights import WEIGHT_TYPES
+from ...runtime.sparse import sparse_product
 from ...solvers.sparse_nnls import sparse_nnls
 from ...solvers.status import Solver, StatusCounts
 from .lookups import Lookups
@@ -53,8 +54,8 @@ class System:
 
     def error(self, weight: Tensor) -> float:
         """Squared error of the lobes alone with weights `[N, C]`."""
-        product = (self.normal.matrix @ weight).double()
-        value = (weight.double() * (product - 2.0 * self.products.lobes)).sum()
+        shown = sparse_product(self.normal.matrix, weight).double()
+        value = (weight.double() * (shown - 2.0 * self.products.lobes)).sum()
         return max(self.products.energy + float(value), 0.0)
 
     def fitted(
