@@ -157,7 +157,9 @@ def _each_once(names: tuple[Any, ...], where: str) -> tuple[Any, ...]:
     """Names of choices, each of which counts once."""
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise ConfigError(f"{where} names {twice} twice; expected each once; leave one of them out.")
+        raise ConfigError(
+            f"{where} names {twice} twice; expected each once; leave one of them out."
+        )
     return names
 
 

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from ..config.synthesis import FAST
+from ..runtime.names import text_of
 from ..synthesize.variant import works
 from .libraries import dr, mi
 from .registration import register
@@ -32,7 +33,7 @@ class PluginMaterial:
         if mi.variant() != variant:
             mi.set_variant(variant)
         register()
-        self._bsdf = mi.load_dict({"type": "spmm", "filename": str(path)})
+        self._bsdf = mi.load_dict({"type": "spmm", "filename": text_of(path)})
 
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Cosine-weighted RGB `[..., 3]` of uv `[..., 2]`, v up, and wi, wo `[..., 3]`."""
