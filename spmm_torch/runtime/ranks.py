@@ -13,6 +13,7 @@ from typing import TypeVar, cast
 import torch
 import torch.distributed as dist
 from torch import Tensor
+from torch.distributed.rendezvous import rendezvous
 
 from ..errors import SPMMError
 
@@ -150,7 +151,7 @@ def _meet(backend: str) -> None:
             raise ValueError(f"RANK is {rank} of WORLD_SIZE {size}")
         # torch asks for a host that is not known again and again.
         socket.getaddrinfo(os.environ["MASTER_ADDR"], os.environ["MASTER_PORT"])
-        store, rank, size = next(iter(dist.rendezvous("env://", timeout=MEETING)))
+        store, rank, size = next(iter(rendezvous("env://", timeout=MEETING)))
         store.set_timeout(TIMEOUT)
         dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=TIMEOUT)
     except (RuntimeError, ValueError, OSError) as error:  # among them DistNetworkError
