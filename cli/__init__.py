@@ -1,4 +1,4 @@
-"""The command line: `main.py` holds the table of commands, each of which is one file here.
+"""The command line: `start.py` begins, `main.py` holds the table of commands, one file each.
 
 A command is a module with two functions: `add_options(parser)`, and `run(options)`, which returns
 the lines to print and raises `SPMMError` for bad input. The docstring of the module is what its

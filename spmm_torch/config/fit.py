@@ -14,8 +14,9 @@ import yaml
 
 from ..brdf import MODEL_NAMES, PAPER_MODELS
 from ..errors import ConfigError
+from ..runtime.names import text_of
 from .schema import MAX_SEED, assign, from_dict, parse_value, plain, setting
-from .written import read_yaml
+from .written import read_yaml, with_texts
 
 
 @dataclass(frozen=True)
@@ -381,7 +382,7 @@ class FitConfig:
 
     def to_yaml(self) -> str:
         """The settings as YAML text."""
-        return yaml.safe_dump(self.to_dict(), sort_keys=False)
+        return yaml.safe_dump(with_texts(self.to_dict(), text_of), sort_keys=False)
 
     def override(self, assignments: list[str]) -> FitConfig:
         """A copy of the settings with assignments such as `search.restarts=8`, values in YAML.

@@ -139,7 +139,8 @@ def checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: st
         items = value if isinstance(value, (list, tuple)) else [value]
         if not items:
             raise ConfigError(f"{where} is empty; expected at least one value.")
-        return tuple(checked(item, inner, metadata, where) for item in items)
+        given = tuple(checked(item, inner, metadata, where) for item in items)
+        return _each_once(given, where) if metadata.get("choices") else given
     choices, low, high = metadata.get("choices"), metadata.get("low"), metadata.get("high")
     value = _typed(value, kind, where)
     if choices and value not in choices:
@@ -150,6 +151,16 @@ def checked(value: Any, kind: Any, metadata: typing.Mapping[str, Any], where: st
     if below or above or (isinstance(value, float) and not math.isfinite(value)):
         raise ConfigError(f"{where} is {value}; expected {allowed(metadata) or 'a finite number'}.")
     return value
+
+
+def _each_once(names: tuple[Any, ...], where: str) -> tuple[Any, ...]:
+    """Names of choices, each of which counts once."""
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ConfigError(
+            f"{where} names {twice} twice; expected each once; leave one of them out."
+        )
+    return names
 
 
 def allowed(metadata: typing.Mapping[str, Any]) -> str:

@@ -7,12 +7,14 @@ YAML 1.1 reads 010 as 8, 1:30 as 90, and `off` as false. Here `Written` keeps th
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from ..errors import ConfigError
+from ..runtime.names import path_of
 
 # Plain scalars that stand for no value.
 NULLS = ("", "~", "null", "Null", "NULL")
@@ -91,16 +93,27 @@ def load_text(text: str) -> Any:
 def load_yaml(path: Path | str, what: str = "settings file") -> Any:
     """The content of a YAML file, as `load_text` gives it; `what` names it in complaints.
 
+    Its texts may be paths, and are spelled as this process spells these.
+
     Raises:
         ConfigError: no such file, or not valid YAML.
     """
     try:
-        return load_text(Path(path).read_text(encoding="utf-8"))
+        return with_texts(load_text(Path(path).read_text(encoding="utf-8")), path_of)
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{what} {path} cannot be read ({error}); check it.") from error
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"{what} {path} is not valid YAML: {reason}; mend it.") from error
+
+
+def with_texts(values: Any, change: Callable[[str], str]) -> Any:
+    """Nested plain values with every text changed, keys apart."""
+    if isinstance(values, dict):
+        return {key: with_texts(item, change) for key, item in values.items()}
+    if isinstance(values, list):
+        return [with_texts(item, change) for item in values]
+    return type(values)(change(values)) if isinstance(values, str) else values
 
 
 def kind_of(values: Any) -> str:

@@ -34,6 +34,7 @@ from .pictures import (
     open_archive,
     unreadable,
 )
+from .stated_colour import colour_notes
 from .store import Loading, Part, ScaledStore, Store
 from .transpose import Place, ViewSource, open_store
 
@@ -79,6 +80,7 @@ class PictureSet:
         intensity: intensity of each light by channel, which values are divided by, `[L, 3]`; None:
             all lights are alike.
         corner: column and row of the first pixel of every picture, in its frame.
+        notes: lines about the first picture.
     """
 
     path: Path
@@ -90,6 +92,7 @@ class PictureSet:
     options: ReadOptions
     intensity: Tensor | None = None
     corner: tuple[int, int] = (0, 0)
+    notes: tuple[str, ...] = ()
 
     @classmethod
     def scan(cls, path: Path, options: ReadOptions) -> PictureSet:
@@ -129,8 +132,10 @@ class PictureSet:
         except DECODE_ERRORS as error:
             raise unreadable(path, grid.first, error) from error
         size = (first.shape[0], first.shape[1])
-        width = first.shape[2]
-        return cls(path, grid, codec, size, first.dtype, width, options, intensity, corner)
+        width, dtype = first.shape[2], first.dtype
+        linear = np.issubdtype(dtype, np.floating)
+        notes = () if linear else colour_notes(payload, options.gamma)
+        return cls(path, grid, codec, size, dtype, width, options, intensity, corner, notes)
 
     def btf(self, path: str, name: str, notes: tuple[str, ...] = ()) -> BTF:
         """The BTF of these pictures.
@@ -154,7 +159,7 @@ class PictureSet:
             open_store=self.open_store,
             hdr=None if self.codec.HDR or self.intensity is not None else False,
             missing=self.grid.missing,
-            notes=notes,
+            notes=self.notes + notes,
             content=self.content,
         )
 

@@ -19,15 +19,16 @@ from .store import Part, ScaledStore, Store
 ORDINARY = (2.0**-10, 2.0**20)
 # Highest value over the 99.9th percentile from which on it is no reflection.
 HOT = 2.0**20
-# Exponent of the greatest power of two that a float32 holds.
-GREATEST = 127
+# Highest values that any unit has: weights and errors beside them still are numbers of float32.
+KNOWN = (1e-30, 1e30)
 
 
 def unit_of(btf: BTF) -> float:
     """The power of two that brings the highest value of a BTF near 1; 1 for ordinary values.
 
     Raises:
-        DataError: a few values are so high that no fit sees anything else.
+        DataError: a few values are so high that no fit sees anything else, or all are beyond what
+            float32 computes with.
     """
     level = btf.level()
     low, high = ORDINARY
@@ -35,7 +36,12 @@ def unit_of(btf: BTF) -> float:
         return 1.0
     if level > high:
         _refuse_hot(btf, level)
-    return 2.0 ** min(-math.frexp(level)[1], GREATEST)
+    if not KNOWN[0] <= level <= KNOWN[1]:
+        raise DataError(
+            f"{btf.path or btf.name} has {level:g} as highest value; expected one from "
+            f"{KNOWN[0]:g} to {KNOWN[1]:g}; multiply all values by one factor."
+        )
+    return 2.0 ** -math.frexp(level)[1]
 
 
 def scaled(btf: BTF, factor: float) -> BTF:

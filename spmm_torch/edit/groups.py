@@ -11,6 +11,8 @@ from ..model.spmm import SPMM
 from .selection import EVERYTHING, Selection
 
 GROUPS = ("all", "specular", "non_specular")
+# Greatest width in radians that tells groups apart; squares of much greater ones leave floats.
+WIDEST = 100.0
 
 
 def lobe_group(model: SPMM, group: str, threshold: float = SPECULAR_WIDTH) -> Selection:
@@ -24,15 +26,16 @@ def lobe_group(model: SPMM, group: str, threshold: float = SPECULAR_WIDTH) -> Se
             its value open.
 
     Raises:
-        ConfigError: unknown group, a threshold that is not positive, or no lobe in the group.
+        ConfigError: unknown group, a threshold out of its range, or no lobe in the group.
     """
     if group not in GROUPS:
         raise ConfigError(f"the group of lobes is {group!r}; expected one of {', '.join(GROUPS)}.")
     if group == "all":
         return EVERYTHING
-    if not threshold > 0.0:
+    if not 0.0 < threshold <= WIDEST:
         raise ConfigError(
-            f"the specular threshold is {threshold:g}; expected a positive width in rad."
+            f"the specular threshold is {threshold:g}; expected a positive width in rad, "
+            f"at most {WIDEST:g}."
         )
     specular = specular_mask(model.dictionary, threshold)
     chosen = specular if group == "specular" else ~specular
@@ -52,4 +55,6 @@ def group_setting(default: str = "all") -> Any:
 
 def threshold_setting() -> Any:
     """The option of an edit or mask that tells specular lobes from others."""
-    return setting(SPECULAR_WIDTH, "width in radians below which lobes are specular", low=0.0)
+    return setting(
+        SPECULAR_WIDTH, "width in radians below which lobes are specular", low=0.0, high=WIDEST
+    )

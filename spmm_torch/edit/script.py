@@ -16,9 +16,10 @@ import torch
 import yaml
 from torch import Tensor
 
-from ..config.written import kind_of, load_yaml
+from ..config.written import kind_of, load_yaml, with_texts
 from ..errors import ConfigError, SPMMError
 from ..model.spmm import SPMM
+from ..runtime.names import text_of
 from .edits import EDITS
 from .options import Edit, Mask, name_of
 from .parsing import map_paths, parse_edit, plain_edit
@@ -108,7 +109,8 @@ class Script:
 
     def to_yaml(self) -> str:
         """The script as YAML text."""
-        return yaml.safe_dump(self.plain(), sort_keys=False, allow_unicode=True)
+        plain = with_texts(self.plain(), text_of)
+        return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
 
     def apply(self, model: SPMM, progress: Callable[[int], object] | None = None) -> SPMM:
         """The model after all edits; each mask is applied to the model that its edit meets.

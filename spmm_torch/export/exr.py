@@ -5,6 +5,7 @@ All channels are single floats, which every reader of OpenEXR knows; indices are
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -142,7 +143,8 @@ def write_parts(place: Path, planes: Planes, attributes: Mapping[str, str]) -> N
         }
         parts.append(OpenEXR.Part(header, channels, name))
         named = {}
-    OpenEXR.File(parts).write(str(place))
+    with place.open("wb") as file:  # the library takes no path of any bytes
+        OpenEXR.File(parts).write(file)
 
 
 def _window(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -153,7 +155,7 @@ def _window(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
 
 def read_parts(path: Path) -> tuple[Planes, dict[str, str]]:
     """The planes and attributes of a file that `write_parts` has written."""
-    parts = OpenEXR.File(str(path), separate_channels=True).parts
+    parts = OpenEXR.File(io.BytesIO(path.read_bytes()), separate_channels=True).parts
     planes = {
         part.name(): {name: np.asarray(each.pixels) for name, each in part.channels.items()}
         for part in parts

@@ -217,7 +217,8 @@ def write_picture(path: Path, picture: Tensor) -> None:
     """Writes four channels `[rows, columns, 4]` as floats in OpenEXR."""
     pixels = np.ascontiguousarray(picture.numpy(), np.float32)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    OpenEXR.File(header, {"RGBA": pixels}).write(str(path))
+    with path.open("wb") as file:  # the library takes no path of any bytes
+        OpenEXR.File(header, {"RGBA": pixels}).write(file)
 
 
 def _relief_kind(model: SPMM) -> int:

@@ -10,6 +10,6 @@ if __name__ == "__main__":
     if find_spec("spmm_torch.cli") is None:
         # A checkout that is not installed: cli/, configs/ and viz/ lie beside the package.
         spmm_torch.__path__.append(str(Path(spmm_torch.__file__).parents[1]))
-    from spmm_torch.cli.main import main
+    from spmm_torch.cli.start import start
 
-    sys.exit(main(["fit", *sys.argv[1:]]))
+    sys.exit(start(["fit", *sys.argv[1:]]))

@@ -10,6 +10,9 @@ import torch
 from torch import Tensor
 
 from ..config.synthesis import FAST
+from ..errors import OutputError
+from ..runtime.atomic import is_text, readable
+from ..runtime.names import text_of
 from ..synthesize.variant import works
 from .libraries import dr, mi
 from .registration import register
@@ -26,13 +29,22 @@ class PluginMaterial:
     Args:
         path: of the model file.
         variant: of Mitsuba, which is set; see `plugin_variant`.
+
+    Raises:
+        OutputError: the path is no UTF-8.
     """
 
     def __init__(self, path: Path, variant: str) -> None:
         if mi.variant() != variant:
             mi.set_variant(variant)
         register()
-        self._bsdf = mi.load_dict({"type": "spmm", "filename": str(path)})
+        name = text_of(path.absolute())
+        if not is_text(name):
+            raise OutputError(
+                f"{readable(name)} holds bytes that are no UTF-8, which Mitsuba cannot open; "
+                f"expected a name in UTF-8; choose another folder."
+            )
+        self._bsdf = mi.load_dict({"type": "spmm", "filename": name})
 
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Cosine-weighted RGB `[..., 3]` of uv `[..., 2]`, v up, and wi, wo `[..., 3]`."""

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ConfigError, OutputError
+from ..runtime.names import path_of
 from .libraries import mi
 
 
@@ -47,7 +48,7 @@ def given_path(properties: Any, plugin: str, expected: str) -> Path:
             f"<string name='filename' value='...'/>."
         )
     name = str(properties["filename"])
-    path = Path(str(mi.file_resolver().resolve(name)))
+    path = Path(path_of(str(mi.file_resolver().resolve(name))))
     if not path.exists():
         raise OutputError(
             f"{path.absolute()} does not exist; expected {expected}; check the filename of the "

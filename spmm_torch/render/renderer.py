@@ -35,7 +35,7 @@ class Scene:
     """One shape, one camera, and lights.
 
     Raises:
-        ConfigError: there is no light, or the camera lies inside the shape.
+        ConfigError: there is no light, or the camera or a light lies inside the shape.
     """
 
     shape: Shape
@@ -45,12 +45,18 @@ class Scene:
     def __post_init__(self) -> None:
         if not self.lights:
             raise ConfigError("the scene has no light; expected at least one; add one.")
-        position = self.camera.position
+        self._check_outside("camera", self.camera.position, "increase its distance")
+        for light in self.lights:
+            if isinstance(light, PointLight):
+                self._check_outside("light", light.position, "it would light nothing; move it")
+
+    def _check_outside(self, what: str, position: Tensor | None, remedy: str) -> None:
+        """Refuses what lies inside the shape; None lies nowhere."""
         if position is not None and self.shape.holds(position):
             place = ", ".join(f"{x:.3g}" for x in position.tolist())
             raise ConfigError(
-                f"the camera at ({place}) lies inside the {type(self.shape).__name__.lower()}; "
-                f"expected it outside; increase its distance."
+                f"the {what} at ({place}) lies inside the {type(self.shape).__name__.lower()}; "
+                f"expected it outside; {remedy}."
             )
 
 

@@ -19,6 +19,7 @@ from ..metrics import Totals, psnr_db
 from ..model.spmm import SPMM
 from ..runtime.context import Context
 from ..runtime.memory import peak_resident_memory
+from ..runtime.names import text_of
 from ..solvers.status import StatusCounts
 from .contract import (
     MSSIM,
@@ -76,7 +77,7 @@ def summarize(
     errors = (totals.without_residual, totals.with_residual)
     known = {name: value for name, value in totals.snr_db().items() if not math.isnan(value)}
     return Report(
-        input=os.path.abspath(btf.path) if btf.path else btf.name,
+        input=text_of(os.path.abspath(btf.path)) if btf.path else btf.name,
         texels=btf.texel_count,
         direction_pairs=btf.measured_count,
         channels=btf.channels,

@@ -11,6 +11,7 @@ from pathlib import Path
 import torch
 import yaml
 
+from ..config.written import with_texts
 from ..edit import Script
 from ..edit.parsing import map_paths
 from ..errors import OutputError, SPMMError
@@ -19,6 +20,7 @@ from ..report import write_report
 from ..report.contract import FILE_NAME, Report, older_report
 from ..report.edited import edited_report, write_edited_html
 from ..runtime.atomic import new_folder, write_atomic
+from ..runtime.names import text_of
 from ..runtime.tensor_file import MODEL_FILE
 from .folder import CONFIG, REPORT_PAGE
 
@@ -115,7 +117,7 @@ def save_edited_run(
         original = _original(source) if (source / EDITS).is_file() else source
         if original is not None:
             name = os.path.relpath(original.resolve(), Path(output).resolve())
-            (folder / ORIGINAL).write_text(f"{Path(name).as_posix()}\n", encoding="utf-8")
+            (folder / ORIGINAL).write_bytes(os.fsencode(f"{Path(name).as_posix()}\n"))
         if report is not None:
             write_report(folder, edited_report(report, after))
         write_edited_html(folder / REPORT_PAGE, before, after, text)
@@ -130,7 +132,7 @@ def _original(folder: Path) -> Path | None:
     """The run that the edits of another one begin with; None where it is unknown or gone."""
     if not (folder / ORIGINAL).is_file():
         return None
-    name = (folder / ORIGINAL).read_text(encoding="utf-8").strip()
+    name = os.fsdecode((folder / ORIGINAL).read_bytes()).strip()
     original = (folder / name).resolve()
     return original if original.is_dir() else None
 
@@ -161,4 +163,5 @@ def _kept_script(script: Script, folder: Path) -> str:
             shutil.copyfile(source, folder / kept[path])
         return kept[path]
 
-    return yaml.safe_dump(map_paths(script.plain(), keep), sort_keys=False, allow_unicode=True)
+    plain = with_texts(map_paths(script.plain(), keep), text_of)
+    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)

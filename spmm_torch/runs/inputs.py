@@ -12,6 +12,7 @@ from ..config.written import read_yaml
 from ..data import BTF, load_input
 from ..errors import ConfigError, DataError, OutputError
 from ..report.contract import FILE_NAME as REPORT_FILE
+from ..runtime.names import path_of
 from ..runtime.tensor_file import MODEL_FILE
 from .fingerprint import differing_setting
 from .folder import CONFIG
@@ -137,7 +138,8 @@ def has_input(run: Path | str) -> bool:
 def _named_input(run: Path | str) -> str | None:
     """The input in the report of a run; None if there is no report, or it is of an edited model."""
     has_report = (run_folder(run) / REPORT_FILE).is_file()
-    return (read_report(run)["input"] or None) if has_report else None
+    named = read_report(run)["input"] if has_report else None
+    return path_of(named) if named else None
 
 
 def read_report(run: Path | str) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ..errors import OutputError
+from .names import text_of
 
 # Fixed time of zip members, so that zips of the same content are the same bytes.
 TIMESTAMP = (1980, 1, 1, 0, 0, 0)
@@ -86,7 +87,7 @@ def readable(text: str) -> str:
 
 def zip_member(name: str) -> zipfile.ZipInfo:
     """The entry of an uncompressed zip member, with a fixed time."""
-    return zipfile.ZipInfo(name, TIMESTAMP)
+    return zipfile.ZipInfo(readable(text_of(name)), TIMESTAMP)
 
 
 def _temporary(target: Path) -> Path:

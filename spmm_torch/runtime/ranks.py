@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import TypeVar, cast
 import torch
 import torch.distributed as dist
 from torch import Tensor
+from torch.distributed.rendezvous import rendezvous
 
 from ..errors import SPMMError
 
@@ -22,6 +24,8 @@ NUMBERS = ("RANK", "WORLD_SIZE", "MASTER_PORT")
 # Time that a rank waits for the others. Rank 0 alone may search for hours; if a rank dies, torchrun
 # ends the others.
 TIMEOUT = timedelta(days=7)
+# Time within which all ranks must have begun: variables of `torchrun` may be left from elsewhere.
+MEETING = timedelta(minutes=10)
 
 
 @dataclass(frozen=True)
@@ -145,8 +149,12 @@ def _meet(backend: str) -> None:
     try:
         if rank >= size:
             raise ValueError(f"RANK is {rank} of WORLD_SIZE {size}")
-        dist.init_process_group(backend, timeout=TIMEOUT)
-    except (RuntimeError, ValueError) as error:  # among them DistNetworkError
+        # torch asks for a host that is not known again and again.
+        socket.getaddrinfo(os.environ["MASTER_ADDR"], os.environ["MASTER_PORT"])
+        store, rank, size = next(iter(rendezvous("env://", timeout=MEETING)))
+        store.set_timeout(TIMEOUT)
+        dist.init_process_group(backend, store=store, rank=rank, world_size=size, timeout=TIMEOUT)
+    except (RuntimeError, ValueError, OSError) as error:  # among them DistNetworkError
         reason = str(error).partition("\n")[0].partition(". ")[0]
         address = ":".join(os.environ[key] for key in ("MASTER_ADDR", "MASTER_PORT"))
         raise SPMMError(

@@ -5,22 +5,25 @@ from __future__ import annotations
 import errno
 import inspect
 import os
+import signal
 import subprocess
 import sys
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import spmm_torch
 from spmm_torch.cli import cache, main
-from spmm_torch.cli.main import COMMANDS, NOTHING_WRITTEN, module_of
+from spmm_torch.cli.main import COMMANDS, NOTHING_WRITTEN, STOPPED, module_of
+from spmm_torch.cli.start import start
 from spmm_torch.errors import DataError
 
 FOLDER = Path(main.__file__).parent
 # What commands share.
-SHARED = {"__init__", "main", "parser", "settings", "inputs", "source", "places", "editor"}
+SHARED = {"__init__", "main", "start", "parser", "settings", "inputs", "source", "places", "editor"}
 
 
 def test_every_file_is_a_command_or_shared() -> None:
@@ -147,6 +150,21 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     process.stdout.close()
     assert process.communicate()[1] == b""
     assert process.returncode == 0
+
+
+def test_ctrl_c_before_there_is_a_command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Interrupted(ModuleType):
+        def __getattr__(self, name: str) -> object:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "spmm_torch.cli.main", Interrupted("main"))
+    monkeypatch.setattr(signal, "signal", lambda *given: ended.append(given))
+    ended: list[object] = []
+    assert start(["--version"]) == STOPPED
+    assert capsys.readouterr().err == "stopped.\n"
+    assert ended == [(signal.SIGINT, signal.SIG_DFL)]
 
 
 def test_the_module_runs_commands() -> None:

@@ -101,6 +101,7 @@ BAD = [
     (["--light", __file__], "neither OpenEXR nor Radiance"),
     (["--camera", "fisheye"], "--camera 'fisheye' is no camera"),
     (["--camera", "perspective:0,0,0.5"], "inside the sphere"),
+    (["--light", "point:0,0,0.5"], "the light at (0, 0, 0.5) lies inside the sphere"),
     (["--camera", "perspective:0"], "is malformed"),
     (["--camera", "perspective:0,0,3,180"], "field of view is 180 degrees"),
     (["--shape", "plane", "--camera", "orthographic:120,0"], "sees nothing of the plane"),

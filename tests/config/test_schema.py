@@ -81,6 +81,7 @@ BAD: dict[str, tuple[Any, str]] = {
     "choice": ({"method": "fats"}, "method is 'fats'; expected one of slow, fast; did you mean"),
     "choice in list": ({"kinds": ["red", "gren"]}, "kinds is 'gren'; .*did you mean green?"),
     "list of numbers": ({"kinds": [3]}, "kinds is 3; expected a name"),
+    "the same twice": ({"kinds": ["red", "green", "red"]}, "kinds names red twice; expected each"),
     "empty list": ({"kinds": []}, "kinds is empty; expected at least one value"),
 }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from torch import Tensor
 from spmm_torch import SPMM
 from spmm_torch.edit.parts import flattened
 from spmm_torch.errors import OutputError
-from spmm_torch.export import Exported, Target, target
+from spmm_torch.export import TARGETS, Exported, Target, target
 from spmm_torch.export.loss import loss_of, random_snr, without_parts
 from spmm_torch.export.target import LOBES, PARTS, RELIEF, RESIDUAL, NoSettings
 from spmm_torch.export.written import export, left_out
@@ -72,3 +73,23 @@ def test_a_model_without_colours_is_refused(tmp_path: Path) -> None:
     model.weight = torch.nn.Parameter(model.weight[:, :1])
     with pytest.raises(OutputError, match="has 1 channels; expected red, green and blue"):
         export(model, NOTHING, tmp_path / "out", NoSettings(), QUIET)
+
+
+@pytest.mark.parametrize("name", ["exr", "osl", "web", "mitsuba"])
+def test_a_folder_whose_name_is_no_utf_8(tmp_path: Path, name: str) -> None:
+    """Libraries that take no such path are handed the file, or it is named."""
+    if name == "mitsuba":
+        pytest.importorskip("mitsuba", reason="needs the extra mitsuba")
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
+    chosen = TARGETS[name]
+    place = folder / f"out{chosen.suffix}"
+    if name == "mitsuba":
+        with pytest.raises(OutputError, match="holds bytes that are no UTF-8"):
+            export(planted_model(size=2), chosen, place, chosen.settings(), QUIET)
+    else:
+        export(planted_model(size=2), chosen, place, chosen.settings(), QUIET)
+    assert place.exists() == (name != "mitsuba")

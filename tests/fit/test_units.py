@@ -76,3 +76,12 @@ def test_a_hot_pixel_is_named(scale: float) -> None:
     place = r"holds 1e\+20 at view 3, light 4, row 1, column 2, where 99.9 % .* hot pixel\.$"
     with pytest.raises(DataError, match=place):
         fit(given, FitConfig.from_dict(SETTINGS | FLAT), render=False)
+
+
+@pytest.mark.parametrize("highest", [1e-38, 1e-45, 3e38])
+def test_what_float32_cannot_compute_with_is_named(highest: float) -> None:
+    """Weights and errors beside such values would be none of its numbers."""
+    btf, values = rough_btf(4), pictures().double()
+    given = BTF.from_values((values / values.max() * highest).float(), btf.view, btf.light)
+    with pytest.raises(DataError, match=r"as highest value; expected one from 1e-30 to 1e\+30"):
+        fit(given, FitConfig.from_dict(SETTINGS | FLAT), render=False)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import socket
+from datetime import timedelta
 
 import pytest
 import torch
 
 from spmm_torch.errors import ConfigError, SPMMError
+from spmm_torch.runtime import ranks
 from spmm_torch.runtime.device import local_device, resolve_device
 from spmm_torch.runtime.ranks import ALONE, joined_ranks, launched, local_count, speaks
 
@@ -64,7 +66,7 @@ def test_there_is_one_cpu(name: str) -> None:
     assert resolve_device("cpu:0").type == "cpu"
 
 
-@pytest.mark.parametrize("fault", ["rank", "port"])
+@pytest.mark.parametrize("fault", ["rank", "port", "host", "alone"])
 def test_processes_that_cannot_meet_are_told_in_one_sentence(
     monkeypatch: pytest.MonkeyPatch, fault: str
 ) -> None:
@@ -72,15 +74,18 @@ def test_processes_that_cannot_meet_are_told_in_one_sentence(
         other.bind(("127.0.0.1", 0))
         other.listen()
         given = {
-            "MASTER_ADDR": "127.0.0.1",
+            "MASTER_ADDR": "no.host.invalid" if fault == "host" else "127.0.0.1",
             "MASTER_PORT": str(other.getsockname()[1]),
             "RANK": "5" if fault == "rank" else "0",
             "WORLD_SIZE": "2",
         }
+        if fault == "alone":
+            other.close()
         for name, value in given.items():
             monkeypatch.setenv(name, value)
+        monkeypatch.setattr(ranks, "MEETING", timedelta(seconds=1))
         with (
-            pytest.raises(SPMMError, match=r"cannot meet at 127.0.0.1:\d+ \(.*torchrun") as caught,
+            pytest.raises(SPMMError, match=r"cannot meet at [\w.]+:\d+ \(.*torchrun") as caught,
             joined_ranks(torch.device("cpu")),
         ):
             pass

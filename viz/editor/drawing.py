@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,8 @@ class Drawing:
 
     def press(self, at: Point) -> None:
         """Begins a stroke where the pointer went down."""
+        if not _is_place(at):
+            return
         model = self.session.original
         self._start = at
         if self.tool == "cluster":
@@ -55,7 +58,7 @@ class Drawing:
 
     def drag(self, at: Point) -> None:
         """Continues the stroke."""
-        if self._start is None:
+        if self._start is None or not _is_place(at):
             return
         if self.tool == "rectangle":
             size = (self.session.original.height, self.session.original.width)
@@ -86,3 +89,8 @@ class Drawing:
         if texels is None:
             return np.zeros((model.height, model.width), dtype=np.float32)
         return texels.view(model.height, model.width).cpu().numpy().astype(np.float32)
+
+
+def _is_place(at: Point) -> bool:
+    """Whether a point is one: a picture that a page shows without a size has none."""
+    return all(math.isfinite(part) for part in at)

@@ -54,7 +54,8 @@ def decode(payload: bytes, ignore_alpha: bool = False) -> np.ndarray:
         with TiffFile(io.BytesIO(payload)) as file:
             page = _only_page(file)
             _check_bytes(page, len(payload))
-            if page.bitspersample <= 8:
+            unknown_to_pillow = file.is_bigtiff and file.byteorder == ">"
+            if page.bitspersample <= 8 and not unknown_to_pillow:
                 return decode_as(payload, ("TIFF",), ignore_alpha)
             orientation = page.tags.valueof(ORIENTATION_TAG)
             return upright(rgb_of(_deep_codes(page), ignore_alpha), orientation)
@@ -93,13 +94,13 @@ def _check_bytes(page: TiffPage, byte_count: int) -> None:
 
 
 def _deep_codes(page: TiffPage) -> np.ndarray:
-    """Codes `[H, W, B]` of a page of more than 8 bits: colour, and alpha if there is one."""
+    """Codes `[H, W, B]` of a page by tifffile: colour, and alpha if there is one."""
     kind = int(page.photometric)
     if kind not in COLOUR_CHANNELS or page.imagedepth != 1:
         name = getattr(page.photometric, "name", kind)
         raise UnsuitableError(f"its colours are {name}; expected grey or RGB: convert it")
     dtype = page.dtype
-    if dtype is None or dtype.kind not in "uf" or (dtype.kind == "u" and dtype.itemsize != 2):
+    if dtype is None or dtype.kind not in "uf" or (dtype.kind == "u" and dtype.itemsize > 2):
         raise UnsuitableError(
             f"it holds {page.bitspersample}-bit {dtype} numbers, whose white is not known; "
             f"expected 8 or 16 bits, or floats: convert it"
@@ -126,7 +127,7 @@ def _pixels(page: TiffPage) -> np.ndarray:
 
 
 def _full_scale(codes: np.ndarray, depth: int) -> np.ndarray:
-    """Codes of a depth of 9 to 16 bits as codes of 16 bits."""
+    """Codes of a depth of up to 16 bits as codes of 16 bits."""
     if depth == 16:
         return codes
     return np.rint(codes * (CODE_MAX / ((1 << depth) - 1))).astype(np.uint16)

@@ -23,7 +23,8 @@ from ..problem import Problem
 from ..select.clusters import ClusterFit
 from .rank_residual import RankResidual
 from .setup import Advance, Setup
-from .system import ROUNDING, System, stored_weights
+from .storage import Storage
+from .system import ROUNDING, System
 from .turns import Turns
 
 
@@ -68,8 +69,9 @@ def refit_pictures(
     lobes = found.lobes.to(problem.device)
     entries = by_lobe(SparseWeights(*(x.to(problem.device) for x in vars(found.entries).values())))
     total = _passes(problem) * len(problem.btf.view)
+    by_clusters = _totals(fits).with_residual if config.residual.clusters else None
     with problem.context.progress.stage("pictures", total, "views") as advance:
-        return _refit(problem, clusters, lobes, entries, advance)
+        return _refit(problem, clusters, lobes, entries, by_clusters, advance)
 
 
 def _passes(problem: Problem) -> int:
@@ -98,7 +100,12 @@ def _as_found(problem: Problem, found: Mixtures, fits: list[ClusterFit]) -> Refi
 
 
 def _refit(
-    problem: Problem, clusters: Clusters, lobes: LobeBatch, entries: SparseWeights, advance: Advance
+    problem: Problem,
+    clusters: Clusters,
+    lobes: LobeBatch,
+    entries: SparseWeights,
+    by_clusters: float | None,
+    advance: Advance,
 ) -> Refit:
     """`refit_pictures` by some passes over the pictures."""
     context, config = problem.context, problem.config
@@ -115,13 +122,13 @@ def _refit(
             turns = turns.trusted(config.refit.sweeps)
     with context.watch("refit"):
         entries = turns.entries if turns else entries
-        generator = context.generator("rounding")
-        target = system.products.lobes if turns is None else turns.target
-        kind, entries = stored_weights(config.storage.weights, system, entries, target, generator)
+        storage = Storage(system, entries, turns, by_clusters, context.generator("rounding"))
+        stored = storage.chosen(config.storage.weights)
+        entries = stored.entries
     components, own, taken = None, None, 0.0
-    if turns is not None:
+    if stored.turns is not None:
         with context.watch("residual"):
-            components = turns.stored(entries)
+            components = stored.turns.stored()
             taken = components.taken
     if config.residual.clusters:
         with context.watch("residual"):
@@ -134,7 +141,13 @@ def _refit(
     if not uniform:
         with context.watch("evaluate"):
             totals = setup.plain_totals(entries, components, own)
-    return Refit(entries, kind, totals, None if uniform else weighted, solvers, components, own)
+    by_weight = None if uniform else weighted
+    return Refit(entries, stored.kind, totals, by_weight, solvers, components, own)
+
+
+def _totals(fits: list[ClusterFit]) -> Totals:
+    """Squared errors of all clusters by weight, on aligned values."""
+    return Totals.sum(fit.weighted or fit.totals for fit in fits)
 
 
 def _weights(

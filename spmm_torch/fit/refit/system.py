@@ -1,22 +1,19 @@
-"""The least-squares problem of the weights of all lobes, and the weights as a file holds them."""
+"""The least-squares problem of the weights of all lobes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import torch
 from torch import Tensor
 
-from ...metrics import Totals, snr_db
+from ...metrics import Totals
 from ...model.lookup import SparseWeights
-from ...model.stored_weights import WEIGHT_TYPES
 from ...runtime.sparse import sparse_product
 from ...solvers.sparse_nnls import sparse_nnls
 from ...solvers.status import Solver, StatusCounts
 from .lookups import Lookups
 from .normal import NormalMatrix
 from .projections import Projections
-from .rounding import rounded_together
 
 # Largest loss by rounding to the stored type: less than any figure shows.
 MAX_ROUNDING_DB = 0.02
@@ -58,6 +55,10 @@ class System:
         value = (weight.double() * (shown - 2.0 * self.products.lobes)).sum()
         return max(self.products.energy + float(value), 0.0)
 
+    def shown(self, weight: Tensor) -> float:
+        """What the lobes with weights `[N, C]` show, squared; such as changes of weights."""
+        return float((weight.double() * sparse_product(self.normal.matrix, weight).double()).sum())
+
     def fitted(
         self, entries: SparseWeights, rhs: Tensor, steps: int
     ) -> tuple[SparseWeights, StatusCounts]:
@@ -82,37 +83,3 @@ class System:
         without, energy = self.error(weight), self.products.energy
         mean = max(energy - self.products.means, 0.0)
         return Totals(energy, without, max(without - taken, 0.0), mean)
-
-
-def stored_weights(
-    asked: str,
-    system: System,
-    entries: SparseWeights,
-    target: Tensor,
-    generator: torch.Generator,
-) -> tuple[torch.dtype, SparseWeights]:
-    """The number type of the weights in the file, and the entries as it holds them.
-
-    Args:
-        asked: `storage.weights`.
-        system: of the refit.
-        entries: fit of all texels.
-        target: products that the weights were fit to, `[N, C]`.
-        generator: of the rounding.
-    """
-
-    def of(kind: torch.dtype) -> SparseWeights:
-        return rounded_together(entries, kind, system.normal, target, generator)
-
-    if asked != "auto":
-        kind = WEIGHT_TYPES[asked]
-        return kind, of(kind)
-    error = system.error(entries.weight)
-    if error < FAINT * system.products.energy:
-        return torch.float32, entries
-    before = snr_db(system.products.energy, error)
-    for kind in WEIGHT_TYPES.values():
-        found = of(kind)
-        if before - snr_db(system.products.energy, system.error(found.weight)) <= MAX_ROUNDING_DB:
-            return kind, found
-    return torch.float32, entries

@@ -106,18 +106,28 @@ class Turns:
         )
         return replace(self, kept=kept).next(number)
 
-    def stored(self, entries: SparseWeights) -> RankResidual:
-        """The residual as a file holds it, beside lobes whose weights were rounded.
+    def beside(self, entries: SparseWeights) -> Turns:
+        """The state with other weights of the same lobes, the coefficients fit beside them."""
+        swept = replace(self._swept, products=self._products(entries))
+        found = replace(self, entries=entries, swept=swept)
+        return replace(found, coefficient=found._coefficients(swept.products, self.coefficient))
+
+    @property
+    def error(self) -> float:
+        """Squared error of lobes and residual, before the residual is rounded."""
+        taken = self._taken(self._swept.products, self.coefficient)
+        return max(self.system.error(self.entries.weight) - taken, 0.0)
+
+    def stored(self) -> RankResidual:
+        """The residual as a file holds it.
 
         Bytes serve unless their rounding shows. It shows in the functions first, which all texels
         share; in the coefficients only of models that are nearly exact.
         """
-        products = self._products(entries)
-        found = self._coefficients(products, self.coefficient)
+        products, found = self._swept.products, self.coefficient
         functions = self.setup.filled(self._swept.functions.transpose(0, 1))
         taken = self._taken(products, found)
-        left = max(self.system.error(entries.weight) - taken, 0.0)
-        room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * left
+        room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * self.error
         size = found.double().square().sum(0)  # [R]
         for of_functions, of_coefficients in ((BYTES, BYTES), (HALVES, BYTES), (HALVES, HALVES)):
             code, scale = encode_functions(functions, of_functions)
@@ -184,7 +194,4 @@ class Turns:
             target = system.products.lobes - share * shown
             entries = system.fitted(self.entries, target, steps)[0]
         with context.watch("residual"):
-            products = self._products(entries)
-            found = self._coefficients(products, self.coefficient)
-            swept = replace(self._swept, products=products)
-            return replace(self, entries=entries, coefficient=found, swept=swept, target=target)
+            return replace(self, target=target).beside(entries)

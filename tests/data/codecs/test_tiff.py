@@ -68,6 +68,10 @@ def test_grey_alpha_and_doubles() -> None:
         (saved(WORDS, extrasamples=["unspecified"], **RGB), WORDS[..., :3]),
         (saved(FLOATS.astype(np.float64), **RGB), FLOATS),
         (saved((WORDS[..., :3] >> 8).astype(np.uint8), **RGB), WORDS[..., :3] >> 8),
+        (  # which Pillow does not know
+            saved((WORDS[..., :3] >> 8).astype(np.uint8), bigtiff=True, byteorder=">", **RGB),
+            (WORDS[..., :3] >> 8) * 257,
+        ),
     ):
         np.testing.assert_array_equal(tiff.decode(payload), expected)
     transparent = saved(WORDS, extrasamples=["unassalpha"], **RGB)

@@ -27,7 +27,7 @@ from spmm_torch.runtime.checkpoint import Checkpoint
 from spmm_torch.runtime.context import Context
 from spmm_torch.runtime.progress import Stage
 from spmm_torch.solvers.status import StatusCounts
-from tests.planted.btfs import tabulated
+from tests.planted.btfs import tabulated, texel_btf
 from tests.planted.models import planted_model
 from tests.planted.reliefs import PlantedRelief, planted_relief
 
@@ -292,3 +292,30 @@ def test_functions_beyond_bytes_leave_coefficients_in_bytes(
         assert components is not None
         assert components.code.dtype == kind
         assert components.coefficient.dtype == torch.int8
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ["residual.rank=4"],
+        ["residual.rank=0", "residual.clusters=true", "residual.alternations=60"],
+    ],
+    ids=" ".join,
+)
+def test_rounded_weights_cost_no_figure_anything_beside_a_residual_that_is_nearly_all(
+    changes: list[str],
+) -> None:
+    """Lobes alone, whose error is large, would take bytes."""
+    lobes = planted_model(6, 1, 1, 2, rings=((0.0, 1), (40.0, 6)), names=("lambertian",))
+    btf = tabulated(lobes)
+    values = btf.texels()
+    unlike_lobes = torch.rand(values.shape[1:], generator=torch.Generator().manual_seed(2))
+    btf = texel_btf(values + 0.1 * unlike_lobes, btf.light, btf.view, btf.height)
+    settings = ["relief.mode=off", "cluster.count=1", "select.max_lobes=1", *changes]
+    exact, chosen = (
+        fit(btf, config(*settings, f"storage.weights={kind}"), render=False).report["snr_db"]
+        for kind in ("float32", "auto")
+    )
+    assert exact["without_residual"] < 20.0 < 35.0 < exact["with_residual"]
+    for name, decibels in exact.items():
+        assert chosen[name] >= decibels - 0.02, name

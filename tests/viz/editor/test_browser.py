@@ -179,6 +179,27 @@ def test_a_session_in_the_browser(page: Any, run: Path, tmp_path: Path) -> None:
     assert again.to_yaml() != steps.to_yaml()
 
 
+def test_two_browsers_edit_the_same_session(
+    page: Any, address: str, run: Path, tmp_path: Path
+) -> None:
+    """Each sees what the other does, and one goes on where the other is closed."""
+    settled(page, "edited")
+    with browser("disable-gpu", "window-size=1360,1040") as other:
+        until(lambda: _opened(other, address))
+        drag(page, "intensity", 24)
+        until(lambda: text(other, "script").startswith("- intensity:"))
+        drag(other, "hue", 24)
+        until(lambda: "hue_saturation:" in text(page, "script"))
+        assert text(page, "script").startswith("- intensity:")
+        until(lambda: settled(page, "edited") == settled(other, "edited"))
+    click(page, "save")
+    until(lambda: text(page, "message").startswith("saved as"))
+    steps = Script.read(tmp_path / "run2" / "edits.yaml")
+    assert [step.name for step in steps.steps] == ["intensity", "hue_saturation"]
+    expected = steps.apply(SPMM.load(run))
+    assert torch.equal(SPMM.load(tmp_path / "run2").weight, expected.weight)
+
+
 def test_keys_undo_and_redo(page: Any) -> None:
     settled(page, "edited")
     drag(page, "intensity", 24)

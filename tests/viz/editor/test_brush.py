@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -96,3 +97,12 @@ def test_a_click_selects_the_cluster_under_it(drawing: Drawing) -> None:
     drawing.press((0.9, 0.5))
     drawing.drop((0.9, 0.5))
     assert drawing.session.mask == ClusterMask((1,))
+
+
+@pytest.mark.parametrize("tool", ["rectangle", "paint", "cluster"])
+def test_a_picture_without_a_size_has_no_places(drawing: Drawing, tool: str) -> None:
+    """A page divides by the width of the picture, which is 0 before it is shown."""
+    drawing.choose(tool)
+    drawing.press((math.nan, math.inf))
+    drawing.drop((math.nan, math.nan))
+    assert drawing.session.mask is None
