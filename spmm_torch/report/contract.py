@@ -110,7 +110,8 @@ class ObjectiveFigures:
     """What the fit minimized, and what of the lobes is a guess.
 
     Attributes:
-        error: l2, balanced, cube-root or log; of unrelated materials all that were, with commas.
+        error: l2, by-view, balanced, cube-root or log; all of them, with commas, where
+            unrelated materials had their own.
         chosen_by: data or settings.
         narrow_lobes: lobes narrower than the measured directions resolve.
         narrow_energy: their share of the mean reflection of all lobes.

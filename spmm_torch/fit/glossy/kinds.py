@@ -19,11 +19,11 @@ from ...lobes.grid import DirectionGrid
 from ...runtime.memory import slices
 from .measure import is_glossy
 from .peaks import unresolved
-from .trial import look_right
+from .trial import suit_views
 
 MATT, GLOSSY, DIELECTRIC, METAL = "matt", "glossy", "mirrors of dielectrics", "mirrors of metal"
-# Glossy ones that squared errors suit.
-PLAIN = "glossy by squared errors"
+# Glossy ones that errors relative to their view suit.
+BY_VIEW = "glossy by view"
 # Glossy materials that are tried together.
 TRIED = 32
 
@@ -87,11 +87,11 @@ def _kind(grid: DirectionGrid, value: Tensor, width: float) -> str:
 def _with_trial(
     names: list[str], btf: BTF, grid: DirectionGrid, config: FitConfig, device: torch.device
 ) -> list[str]:
-    """The kinds of all materials, where the glossy ones that squared errors suit are apart."""
+    """The kinds of all materials, where the glossy ones that errors by view suit are apart."""
     glossy = torch.tensor([place for place, name in enumerate(names) if name == GLOSSY])
     told = list(names)
     for some in glossy.long().split(TRIED) if len(glossy) else ():
-        right = look_right(grid, btf.signals(some, device), config.search)
+        right = suit_views(grid, btf.signals(some, device), config.search)
         for place in some[right.cpu()].tolist():
-            told[place] = PLAIN
+            told[place] = BY_VIEW
     return told

@@ -1,8 +1,9 @@
-"""What a fit minimizes: squared errors, or also those of compressed values where data are glossy.
+"""What a fit minimizes: squared errors, or others where data are glossy.
 
-Squared errors of glossy data see the peaks alone, and a body may not be worth a lobe: a trial
-tells. Where it may, and directions resolve the peaks, errors of cube roots count beside them. Where
-directions do not, values at the peaks say little, and errors of cube roots count alone.
+Squared errors of glossy data see the peaks at grazing angles alone. Where directions resolve the
+peaks, errors count relative to their view; or, if a body would not be worth a lobe, those of cube
+roots count beside them: a trial tells. Where directions do not, values at the peaks say little, and
+errors of cube roots count alone.
 
 Peaks that the directions do not resolve are over-represented: directions are measured as mirror
 images of each other, so that as many pairs meet such a peak as if it were as wide as the angle
@@ -26,7 +27,8 @@ from ...model.spmm import SPMM
 from ...report.contract import ObjectiveFigures
 from .measure import ENERGY, PAIRS, is_glossy, some_texels
 from .peaks import NARROW, Unresolved, peak_pairs, unresolved
-from .trial import looks_right
+from .trial import suits_views
+from .views import BY_VIEW
 
 # The model whose peaks have tails as those of measured glossy materials, which the seven lack.
 LONG_TAILED = "ggx"
@@ -37,7 +39,7 @@ class Objective:
     """What a fit minimizes.
 
     Attributes:
-        error: l2, balanced, cube-root or log.
+        error: l2, by-view, balanced, cube-root or log.
         chosen: whether the data chose it, and not the settings.
         resolved: width of the narrowest lobes that the directions resolve, as a slope.
         peak: the narrowest peaks, which the directions do not resolve; None: all are resolved.
@@ -68,9 +70,7 @@ class Objective:
             share = (upright.width / width) ** 2
             pair = torch.where(peak_pairs(grid, width), share, 1.0).cpu()
         if chosen and peak is None:
-            if looks_right(grid, values, config.search):
-                return cls(chosen=True)
-            error = "balanced"
+            error = BY_VIEW if suits_views(grid, values, config.search) else "balanced"
         elif chosen:
             error = "cube-root"
         return cls(error, chosen, width, peak, pair)
@@ -87,9 +87,9 @@ class Objective:
         return cls("balanced" if chosen else error)
 
     @property
-    def compressed(self) -> bool:
-        """Whether errors are those of compressed values."""
-        return self.error != "l2"
+    def plain(self) -> bool:
+        """Whether squared errors of all values count alike."""
+        return self.error == "l2"
 
     @property
     def unresolved(self) -> bool:
@@ -98,11 +98,13 @@ class Objective:
 
     def describe(self) -> str | None:
         """What the data chose, in one line; None where that is the plain squared error."""
-        if not (self.chosen and self.compressed):
+        if not self.chosen or self.plain:
             return None
         line = (
             f"glossy: {ENERGY:.0%} of the energy lies in under {PAIRS:.0%} of the direction pairs"
         )
+        if self.error == BY_VIEW:
+            return f"{line}; errors count relative to their view"
         if self.peak is None:
             return f"{line}; errors of values and of cube roots count"
         kind = "metal" if self.peak.metal else "dielectric"

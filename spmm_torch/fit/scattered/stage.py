@@ -61,7 +61,7 @@ def fit_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> Solve
     with context.watch("refit"):
         model, totals = _stored(btf, _mixtures(lobes, fits, btf.texel_count, unit), config)
     own = [fit.solvers for fit in fits]
-    compressed = objective.compressed
+    compressed = not objective.plain
     return Solved(
         model,
         totals,

@@ -36,7 +36,7 @@ def list_weights(
         chance: inverse of the chance by which each pair was drawn, `[D]`; None: all are there.
     """
     weights = compressive_weights(btf, objective, device)
-    if objective.compressed:  # volumes are those among the pairs that were drawn
+    if not objective.plain:  # volumes are those among the pairs that were drawn
         return weights.times(Weights.build(btf, volumes(*btf.pairs())[None]))
     return weights if chance is None else weights.times(Weights.build(btf, chance[None]))
 

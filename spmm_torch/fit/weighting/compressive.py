@@ -26,33 +26,24 @@ from ...data.error_weights import Weights
 from ...data.pair_lists import PairedBTF
 from ...runtime.memory import slices
 from ...runtime.ranks import ALONE, Ranks
-from ..glossy.compression import CUBE_ROOT, EXPONENTS, Compression, own_units
+from ..glossy.compression import Compression, own_units
 from ..glossy.objective import Objective
-
-# Fraction of the typical value that is added to all values: darker ones count as black.
-DARK = 0.1
-# Least part of the mean that is typical of scattered samples.
-LEAST_TYPICAL = 1e-3
 
 
 def compression(
     btf: BTF, objective: Objective, device: torch.device, ranks: Ranks = ALONE
 ) -> Compression | None:
     """What an objective makes of values, by one pass over them; None where it takes them as are."""
-    if not objective.compressed:
+    if objective.plain:
         return None
     apart = btf.names is not None and btf.texel_count > 1
     size = mean_values(btf, device, ranks, apart=apart)  # [D]
     every = torch.ones(len(size), dtype=torch.bool)
     measured = every if btf.measured is None else btf.measured
-    size = size.clamp(min=0.0)
-    dark = float(DARK * _typical(size[measured], isinstance(btf, PairedBTF)))
-    plain, seen = 0.0, 1.0
-    if objective.error == "balanced":
-        plain = float(1.0 / size[measured].square().sum())
-        seen = float(1.0 / (9.0 * (size[measured] + dark).pow(2.0 / 3.0).sum()))
-    exponent = EXPONENTS.get(objective.error, CUBE_ROOT)
-    return Compression(exponent, dark, plain, seen, size, objective.pair, apart)
+    error, listed = objective.error, isinstance(btf, PairedBTF)
+    return Compression.of(
+        error, size, measured, len(btf.view), objective.pair, apart=apart, listed=listed
+    )
 
 
 def compressive_weights(
@@ -61,18 +52,6 @@ def compressive_weights(
     """The weights of an objective; one pass over all values if it compresses them."""
     found = compression(btf, objective, device, ranks)
     return Weights(measured=btf.measured) if found is None else found.weights(btf)
-
-
-def _typical(size: Tensor, listed: bool) -> Tensor:
-    """The typical one of mean values of pairs `[D]`: the cube of the mean of their cube roots.
-
-    Scattered samples may lie densely about a highlight, which would make it typical: there it is
-    the lower quartile, unless most samples are as good as black.
-    """
-    mean = size.pow(1.0 / 3.0).mean() ** 3
-    if not listed:
-        return mean
-    return size.kthvalue(1 + len(size) // 4).values.clamp(min=LEAST_TYPICAL * float(mean))
 
 
 def mean_values(

@@ -14,6 +14,7 @@ from tests.planted.btfs import texel_btf
 
 CPU = torch.device("cpu")
 AUTO = FitConfig()
+TWO_LOBES = {"search": {"max_lobes": 2, "exchanges": 0}}
 PLAIN = {"weights": {"error": "l2"}}
 
 
@@ -22,19 +23,23 @@ def glossy_btf() -> BTF:
     return texel_btf(samples(lobe(0.012, 0.9)).transpose(1, 2), ring_directions())
 
 
-def test_peaks_that_the_directions_resolve_choose_balanced_errors() -> None:
-    speckled = 0.02 * torch.rand(3, 6561, generator=torch.Generator().manual_seed(0))
-    values = (samples(lobe(1.2 * WIDTH, 0.9)) + speckled).transpose(1, 2)
-    found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
+def test_a_body_that_would_be_lost_beside_its_peak_chooses_balanced_errors() -> None:
+    peaks = samples(lobe(1.2 * WIDTH, 0.5), body=0.0) + samples(lobe(3.0 * WIDTH, 0.04), body=0.003)
+    btf, config = (
+        texel_btf(peaks.transpose(1, 2), ring_directions()),
+        FitConfig.from_dict(TWO_LOBES),
+    )
+    found = Objective.of(btf, config, CPU)
     assert (found.error, found.chosen, found.peak, found.pair) == ("balanced", True, None, None)
     assert found.models(PAPER_MODELS) == PAPER_MODELS
     assert "values and of cube roots" in (found.describe() or "")
 
 
-def test_squared_errors_that_look_right_stay() -> None:
+def test_lobes_that_fit_every_view_need_no_cube_roots() -> None:
     values = samples(lobe(1.2 * WIDTH, 0.9), body=0.02).transpose(1, 2)
     found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
-    assert (found.error, found.chosen) == ("l2", True)
+    assert (found.error, found.chosen, found.plain) == ("by-view", True, False)
+    assert "relative to their view" in (found.describe() or "")
 
 
 def test_unresolved_peaks_choose_cube_roots() -> None:
@@ -51,20 +56,20 @@ def test_unresolved_peaks_choose_cube_roots() -> None:
 )
 def test_the_settings_and_the_paper_stay_plain(change: dict) -> None:
     found = Objective.of(glossy_btf(), FitConfig.from_dict(change), CPU)
-    assert not found.compressed
+    assert found.plain
     assert found.models(PAPER_MODELS) == PAPER_MODELS
 
 
 def test_black_texels_and_one_bright_sample_do_not_make_data_glossy() -> None:
     values = torch.rand(4, 6561, 3, generator=torch.Generator().manual_seed(0))
     values[:3] = 0.0
-    assert not Objective.of(texel_btf(values, ring_directions()), AUTO, CPU).compressed
+    assert Objective.of(texel_btf(values, ring_directions()), AUTO, CPU).plain
     values[3, 100] = 1e4
-    assert not Objective.of(texel_btf(values, ring_directions()), AUTO, CPU).compressed
+    assert Objective.of(texel_btf(values, ring_directions()), AUTO, CPU).plain
 
 
 def test_matt_data_choose_squared_errors() -> None:
     values = torch.rand(4, 6561, 3, generator=torch.Generator().manual_seed(0))
     found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
-    assert not found.compressed
+    assert found.plain
     assert found.describe() is None

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
+from spmm_torch.fit.glossy.compression import DARK
 from spmm_torch.fit.glossy.objective import Objective
-from spmm_torch.fit.weighting.compressive import DARK, compressive_weights
+from spmm_torch.fit.weighting.compressive import compressive_weights
 from spmm_torch.geometry.directions import ring_directions
 from tests.planted.btfs import texel_btf
 
