@@ -327,7 +327,7 @@ class StorageConfig:
     weights: str = setting(
         "auto",
         "number format of the weights: byte or int16 (both on a logarithmic scale), float32, or "
-        "auto (the first of these that costs at most 0.02 dB)",
+        "auto (the first of these that costs at most 0.02 dB, with and without the residual)",
         choices=("auto", "byte", "int16", "float32"),
     )
 

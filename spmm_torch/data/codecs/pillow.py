@@ -1,7 +1,8 @@
 """Pictures of 8 bits such as JPEG and PNG, decoded by Pillow, and PNG and PPM of 16 bits.
 
 Pillow cuts 16 bits to 8 where there is more than grey, so imagecodecs reads such PNG. Pictures are
-turned as their EXIF orientation says. Colour profiles are ignored.
+turned as their EXIF orientation says. Colour profiles are ignored, of which
+`data/stated_colour.py` tells.
 """
 
 from __future__ import annotations
