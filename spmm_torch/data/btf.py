@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from ..config.fit import DataConfig
-from ..errors import DataError
 from ..geometry.directions import direction_pairs
 from ..geometry.relief import HeightField
 from ..runtime.device import plain_torch
 from .arrays import array_hash, check_layout, numpy_values, opener_in_memory
 from .cache import entry_key, source_content
 from .displaced import DisplacedStore
+from .kept import chosen, kept_gaps, kept_names
 from .options import ReadOptions
 from .percentile import percentile
 from .store import WHOLE, Loading, Part, Progress, ScaledStore, Store, float_chunks
@@ -144,7 +144,7 @@ class BTF:
             width=width,
             view=self.view if views is None else self.view[views],
             light=self.light if lights is None else self.light[lights],
-            missing=_kept_gaps(self.missing, views, lights),
+            missing=kept_gaps(self.missing, views, lights),
             names=kept_names(self.names, texels),
             part=Part(
                 chosen(self.part.texels, texels),
@@ -347,33 +347,3 @@ class BTF:
         measured = self.measured
         for chunk in float_chunks(self.store(), self.texel_count, size):
             yield chunk if measured is None else chunk[:, measured]
-
-
-def _kept_gaps(
-    missing: Tensor | None, views: Tensor | None, lights: Tensor | None
-) -> Tensor | None:
-    """The missing pairs `[V', L']` of the directions that stay; None if there are none."""
-    if missing is None:
-        return None
-    kept = missing if views is None else missing[views]
-    kept = kept if lights is None else kept[:, lights]
-    if bool(kept.all()):
-        raise DataError(
-            "all pairs of the chosen directions are missing; expected at least one with a picture; "
-            "choose others."
-        )
-    return kept if bool(kept.any()) else None
-
-
-def kept_names(names: tuple[str, ...] | None, texels: Tensor | None) -> tuple[str, ...] | None:
-    """The names of the texels `[T']` that stay; None: all do."""
-    if names is None or texels is None:
-        return names
-    return tuple(names[index] for index in texels.tolist())
-
-
-def chosen(before: Tensor | None, index: Tensor | None) -> Tensor | None:
-    """Indices `[n]` into the source of an index into `before`, a choice from it; None: all."""
-    if before is None or index is None:
-        return before if index is None else index
-    return before[index]

@@ -19,8 +19,9 @@ from torch import Tensor
 from ..errors import DataError
 from ..geometry.relief import HeightField
 from .arrays import array_hash
-from .btf import BTF, PEAK_FRACTION, chosen, kept_names
+from .btf import BTF, PEAK_FRACTION
 from .directions import SAME_DIRECTION, unit_directions
+from .kept import chosen, kept_names
 from .options import ReadOptions
 from .pair_lists import PairList
 from .percentile import percentile

@@ -110,16 +110,8 @@ class Components(nn.Module):
         return self.at_pairs(texel, weight, *self.pairs.around(wi, wo))
 
     def at_pairs(self, texel: Tensor, weight: Tensor, pair: Tensor, pair_weight: Tensor) -> Tensor:
-        """`blend` given the pairs around each query and their weights, both `[Q, 9]`.
-
-        The functions are interpolated once and the coefficients of the texels mixed before they
-        meet, so M texels cost hardly more than one.
-        """
-        functions, coefficients = self._tables(pair_weight.dtype)
-        weight = weight.to(pair_weight.dtype)
-        mixed = embedding_bag(texel, coefficients, mode="sum", per_sample_weights=weight)  # [Q, R]
-        value = embedding_bag(pair, functions, mode="sum", per_sample_weights=pair_weight)
-        return torch.bmm(mixed[:, None], value.unflatten(1, (self.rank, -1))).squeeze(1)
+        """`blend` given the pairs around each query and their weights, both `[Q, 9]`."""
+        return blended(*self._tables(pair_weight.dtype), texel, weight, pair, pair_weight)
 
     def functions(self, wi: Tensor, wo: Tensor) -> Tensor:
         """The functions B at Q queries, `[Q, R, C]`.
@@ -172,6 +164,30 @@ class Components(nn.Module):
         functions = self.code.to(dtype) * self.scale.to(dtype)[:, :, None, None]
         coefficients = self.coefficient.to(dtype) * self.coefficient_scale.to(dtype)
         return functions.permute(1, 2, 0, 3).flatten(2).flatten(0, 1), coefficients
+
+
+def blended(
+    functions: Tensor,
+    coefficients: Tensor,
+    texel: Tensor,
+    weight: Tensor,
+    pair: Tensor,
+    pair_weight: Tensor,
+) -> Tensor:
+    """Weighted sums `[Q, C]` of the residuals of texels, between measured pairs.
+
+    The functions are interpolated once and the coefficients of the texels mixed before they meet,
+    so M texels cost hardly more than one.
+
+    Args:
+        functions, coefficients: `[V L, R C]` and `[T, R]`, of one type.
+        texel, weight: texels of each query and their weights, `[Q, M]`.
+        pair, pair_weight: pairs around each query and their weights, `[Q, 9]`.
+    """
+    weight, pair_weight = weight.to(functions.dtype), pair_weight.to(functions.dtype)
+    mixed = embedding_bag(texel, coefficients, mode="sum", per_sample_weights=weight)  # [Q, R]
+    value = embedding_bag(pair, functions, mode="sum", per_sample_weights=pair_weight)
+    return torch.bmm(mixed[:, None], value.unflatten(1, (mixed.shape[1], -1))).squeeze(1)
 
 
 def changes(tensor: Tensor) -> int:

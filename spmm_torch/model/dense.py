@@ -3,7 +3,7 @@
 What `lookup` sorts and cuts, this evaluates with padding: every texel has as many places for lobes
 of a BRDF as the texel with the most. Nothing depends on values or is written in place, so it can be
 compiled, exported and transformed by `torch.func`. Run as it stands it takes longer than `lookup`.
-Compiled for a CPU too: there `operator` has the lobes.
+Compiled for a CPU too: there `operator` takes its place.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import torch
 from torch import Tensor
 from torch._C._functorch import maybe_current_level
 from torch._functorch.pyfunctorch import temporarily_clear_interpreter_stack
-from torch.nn.functional import embedding_bag
 from torch.utils._python_dispatch import _disable_current_modes
 
 from ..brdf import REGISTRY
@@ -155,7 +154,7 @@ def values(
 def _values(
     model: SPMM, tables: DenseTables | None, uv: Tensor, wi: Tensor, wo: Tensor, *, residual: bool
 ) -> Tensor:
-    """`values` of one block of queries; without tables, lobes are one operator."""
+    """`values` of one block of queries; without tables, by the operator."""
     uv = model.held(uv)
     if model.relief is not None:
         heights = model.relief.heights(model.texel_count).view(model.height, model.width)
@@ -163,11 +162,8 @@ def _values(
     texel, bilinear = texel_at(uv, model.height, model.width, model.rule)
     at = texel, bilinear, wi, wo
     if tables is None:
-        entries = model.merged_entries()
-        queries = texel[:, 0], bilinear, wi, wo
-        total = operator.lobe_sums(entries, model.dictionary, model.weight, *queries)
-    else:
-        total = lobe_sums(tables, model.dictionary, model.weight, *at)
+        return operator.values(model, texel[:, 0], bilinear, wi, wo, residual=residual)
+    total = lobe_sums(tables, model.dictionary, model.weight, *at)
     if residual:
         total = total + residual_sums(model.residual, model.components, model.labels, *at)
     return total
@@ -233,12 +229,7 @@ def residual_sums(
         mixed = mixed[:, :, None] * weight[:, None]  # [Q, 4, 9]
         row = cluster[:, :, None] * residual.code[0, ..., 0].numel() + pair[:, None]
         table = residual.code.flatten(0, 2)  # [K V L, C]
-        if on_lists(weight):  # several times as fast as compiled lookups
-            given = row.flatten(1), table.to(weight.dtype)
-            found = embedding_bag(*given, mode="sum", per_sample_weights=mixed.flatten(1))
-        else:
-            found = (table[row].to(weight.dtype) * mixed[..., None]).sum((1, 2))
-        total = total + found
+        total = total + (table[row].to(weight.dtype) * mixed[..., None]).sum((1, 2))
     if components is not None:
         total = total + components_sums(components, texel, bilinear, pair, weight)
     return total
@@ -256,10 +247,6 @@ def components_sums(
     """
     functions, coefficients = components.decoded(weight.dtype)
     bilinear = bilinear.to(weight.dtype)
-    if on_lists(weight):  # a compiler would decode the codes at every lookup
-        value = embedding_bag(pair, functions, mode="sum", per_sample_weights=weight)  # [Q, R C]
-        mixed = embedding_bag(texel, coefficients, mode="sum", per_sample_weights=bilinear)
-    else:
-        value = (functions[pair] * weight[..., None]).sum(1)
-        mixed = (coefficients[texel] * bilinear[..., None]).sum(1)  # [Q, R]
+    value = (functions[pair] * weight[..., None]).sum(1)  # [Q, R C]
+    mixed = (coefficients[texel] * bilinear[..., None]).sum(1)  # [Q, R]
     return (mixed[..., None] * value.unflatten(1, (components.rank, -1))).sum(1)

@@ -75,17 +75,30 @@ class Residual(nn.Module):
         self, cluster: Tensor, weight: Tensor, pair: Tensor, pair_weight: Tensor
     ) -> Tensor:
         """`blend` given the pairs around each query and their weights, both `[Q, 9]`."""
-        if not len(self.code):
-            return pair_weight.new_zeros(len(pair), self.code.shape[-1])
-        query, column, merged = _merged(cluster, weight)  # [E]
-        cluster = cluster[query, column]
-        table = self.code.flatten(1, 2)  # [K, V L, C]
-        row = cluster[:, None] * table.shape[1] + pair.index_select(0, query)  # [E, 9]
-        code = table.flatten(0, 1).index_select(0, row.flatten()).unflatten(0, row.shape)
-        merged = merged * self.scale.to(pair_weight.dtype)[cluster]
-        mixed = pair_weight.index_select(0, query) * merged[:, None]
-        value = (code.to(pair_weight.dtype) * mixed[..., None]).sum(dim=1)  # [E, C]
-        return value.new_zeros(len(pair), value.shape[1]).index_add(0, query, value)
+        return blended(self.code, self.scale, cluster, weight, pair, pair_weight)
+
+
+def blended(
+    code: Tensor, scale: Tensor, cluster: Tensor, weight: Tensor, pair: Tensor, pair_weight: Tensor
+) -> Tensor:
+    """Weighted sums `[Q, C]` of the residuals of clusters, between measured pairs.
+
+    Args:
+        code, scale: of the residual, `[K, V, L, C]` and `[K]`.
+        cluster, weight: clusters of each query and their weights, `[Q, M]`.
+        pair, pair_weight: pairs around each query and their weights, `[Q, 9]`.
+    """
+    if not len(code):
+        return pair_weight.new_zeros(len(pair), code.shape[-1])
+    query, column, merged = _merged(cluster, weight)  # [E]
+    cluster = cluster[query, column]
+    table = code.flatten(1, 2)  # [K, V L, C]
+    row = cluster[:, None] * table.shape[1] + pair.index_select(0, query)  # [E, 9]
+    found = table.flatten(0, 1).index_select(0, row.flatten()).unflatten(0, row.shape)
+    merged = merged * scale.to(pair_weight.dtype)[cluster]
+    mixed = pair_weight.index_select(0, query) * merged[:, None]
+    value = (found.to(pair_weight.dtype) * mixed[..., None]).sum(dim=1)  # [E, C]
+    return value.new_zeros(len(pair), value.shape[1]).index_add(0, query, value)
 
 
 def _merged(cluster: Tensor, weight: Tensor) -> tuple[Tensor, Tensor, Tensor]:
