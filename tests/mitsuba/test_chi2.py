@@ -11,6 +11,7 @@ import pytest
 from spmm_torch import SPMM
 from spmm_torch.brdf import MODEL_NAMES, REGISTRY
 from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.mitsuba.material import BILINEAR, STOCHASTIC
 from tests.lobes.lobe_cases import kappa_of_widths, unit_vector
 from tests.planted.models import (
     FEW_RINGS,
@@ -21,7 +22,10 @@ from tests.planted.models import (
 )
 from tests.planted.runs import model_folder
 
-ANGLES = (0.0, 25.0, 45.0, 65.0, 80.0)
+LOOKUPS = [
+    *((BILINEAR, degrees) for degrees in (0.0, 25.0, 45.0, 65.0, 80.0)),
+    *((STOCHASTIC, degrees) for degrees in (25.0, 65.0)),
+]
 # Over all tests below together, by Sidak's correction.
 SIGNIFICANCE = 0.01
 RINGS = ring_directions(FEW_RINGS)
@@ -44,7 +48,7 @@ MATERIALS = {
     "components": lambda: of_width(with_components(planted_model(size=4), rank=3)),
     "relief": lambda: of_width(with_relief(planted_model(size=8, names=("ggx", "ward")))),
 }
-TESTS = len(MATERIALS) * len(ANGLES)
+TESTS = len(MATERIALS) * len(LOOKUPS)
 
 
 @pytest.fixture(params=MATERIALS, scope="module")
@@ -55,11 +59,12 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("degrees", ANGLES)
-def test_mitsuba_accepts_the_mixture(degrees: float, run: Path, mi: Any) -> None:
+@pytest.mark.parametrize(("filter_type", "degrees"), LOOKUPS)
+def test_mitsuba_accepts_the_mixture(filter_type: str, degrees: float, run: Path, mi: Any) -> None:
     chi2: Any = import_module("mitsuba.chi2")
     wi = unit_vector(degrees, 0.3).tolist()
-    plugin = {"type": "spmm", "filename": str(run)}
+    # Of one uv and view, a stochastic lookup always draws the same texel.
+    plugin = {"type": "spmm", "filename": str(run), "filter_type": filter_type}
     functors = chi2.BSDFAdapter("spmm", plugin, wi=wi, uv=[0.3, 0.6])
     judge = chi2.ChiSquareTest(
         chi2.SphericalDomain(), *functors, 3, sample_count=200_000, res=101, ires=8
