@@ -133,15 +133,13 @@ def _found(search: Search, mode: str, register: bool) -> Estimate:
             break
     flat = search.flat(plane)
     left = {"plane": search.left(flat)}
-    base, height = (
-        (flat, plane) if search.pays(flat, search.flat(0.0)) else (search.flat(0.0), None)
-    )
+    base, height = (flat, plane) if search.plane_pays(plane) else (search.flat(0.0), None)
     if mode == AUTO:
         swept = _swept(search, plane)
         moved, more = search.registered(swept) if register else (search, 0.0)
         swept = one_byte(swept + more)
         left["relief"] = moved.left(swept)
-        if moved.pays(swept, base):
+        if moved.heights_pay(swept, base):
             return _estimate(moved, swept.cpu(), swept, left)
     return _estimate(search, height, base, left)
 

@@ -133,6 +133,20 @@ class PictureStack:
             drift=self.drift * scale,
         )
 
+    def middle(self, side: int) -> PictureStack:
+        """The stack of the middle `side` x `side` texels; itself if it has no more."""
+        rows, columns = self.size
+        if max(rows, columns) <= side:
+            return self
+        top, left = max(rows - side, 0) // 2, max(columns - side, 0) // 2
+        values = self.values[:, :, top : top + side, left : left + side]
+        return replace(self, values=normalized(values), repeats=False)
+
+    def turned(self) -> PictureStack:
+        """The stack as if all views were turned by a quarter about the normal."""
+        column, row = self.slope.unbind(1)
+        return replace(self, slope=torch.stack((-row, column), dim=1))
+
     def part(self, views: Tensor | None = None, lights: Tensor | None = None) -> PictureStack:
         """The stack of some of its views, indices `[V']`, and lights, indices `[L']`."""
         every_view = torch.arange(len(self.values)) if views is None else views

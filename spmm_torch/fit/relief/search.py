@@ -12,10 +12,13 @@ from ...geometry.directions import REPEAT
 from .border import border_rule
 from .drift import SIGNIFICANCE, find_drift
 from .pictures import PictureStack, chosen_lights, chosen_views, read_stack
-from .verdict import disagreement, drift_pays, heights_pay
+from .sweep import swept_once
+from .verdict import disagreement, drift_pays, heights_pay, plane_pays
 
 # Lights under which heights are sought, and others under which they are judged.
 SOUGHT, JUDGED = 5, 2
+# Texels of a side in which it is found what chance would give.
+CHANCE_SIDE = 96
 
 
 @dataclass(frozen=True)
@@ -65,9 +68,23 @@ class Search:
         """Fraction of the views' disagreement that is left with `height [H, W]`."""
         return disagreement(self.judged, height) / max(self.untouched, 1e-12)
 
-    def pays(self, height: Tensor, base: Tensor) -> bool:
-        """Whether `height [H, W]` pays against `base [H, W]`."""
-        return heights_pay(self.judged, height, base, self.untouched)
+    def plane_pays(self, height: float) -> bool:
+        """Whether a plane of some height pays against none."""
+        return plane_pays(self.judged, self.flat(height), self.untouched)
+
+    def heights_pay(self, height: Tensor, base: Tensor) -> bool:
+        """Whether a map `height [H, W]` pays against `base [H, W]`."""
+        return heights_pay(self.judged, height, base, self.untouched, self._left_by_chance())
+
+    def _left_by_chance(self) -> float:
+        """Fraction of the disagreement that is left by heights found in views turned by a quarter.
+
+        The middle of the pictures tells it.
+        """
+        sought, judged = (part.middle(CHANCE_SIDE).turned() for part in (self.sought, self.judged))
+        height = swept_once(sought)
+        untouched = disagreement(judged, torch.zeros_like(height))
+        return disagreement(judged, height) / max(untouched, 1e-12)
 
     def drifted(self, drift: Tensor) -> Search:
         """The search in views that drift by `[V', 2]` columns and rows."""

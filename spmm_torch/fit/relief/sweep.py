@@ -39,6 +39,13 @@ def sweep_heights(stack: PictureStack, plane: float, start: Tensor | None = None
     return height
 
 
+def swept_once(stack: PictureStack) -> Tensor:
+    """The same about the plane of the pictures, by one pass at their own size, `[H, W]`."""
+    step = STEP_TEXELS / max(float(stack.slope.norm(dim=1).max()), 1.0)
+    flat = stack.values.new_zeros(stack.size)
+    return _swept(stack, flat, step, round(REACH / step), known=False)
+
+
 def _passes(side: int) -> list[tuple[int, float]]:
     """Texels of a side that become one, and steps of candidates in texels, from coarse to fine.
 

@@ -1,7 +1,10 @@
 """Whether a relief pays: how much less the views disagree under lights that it has not seen.
 
 Reading between texels smooths noise, so that any shift lowers the disagreement of noisy views. The
-same shifts the other way smooth as much: what pays beats them, too.
+same shifts the other way smooth as much: what pays beats them, too. And a height for every texel is
+freedom enough to find what agrees by chance, under other lights too, where neighbours differ in
+their BRDFs. So heights must beat those found in views that are turned by a quarter about the
+normal, in which no relief can show.
 """
 
 from __future__ import annotations
@@ -25,19 +28,32 @@ def disagreement(stack: PictureStack, height: Tensor) -> float:
     return float(stack.disagreement(height[None]).mean())
 
 
-def heights_pay(stack: PictureStack, height: Tensor, base: Tensor, untouched: float) -> bool:
-    """Whether `height [H, W]` pays against `base [H, W]`, under the lights of the stack.
+def plane_pays(stack: PictureStack, plane: Tensor, untouched: float) -> bool:
+    """Whether a `plane [H, W]` of one height pays against none, under the lights of the stack.
 
-    A map of heights must take off more than a plane.
+    Args:
+        stack: pictures to judge by.
+        plane: height, in texture widths.
+        untouched: disagreement of the pictures as they are.
+    """
+    after, before, control = (disagreement(stack, each) for each in (plane, 0.0 * plane, -plane))
+    return _pays(after, min(before, control), MIN_SHARE * untouched)
+
+
+def heights_pay(
+    stack: PictureStack, height: Tensor, base: Tensor, untouched: float, by_chance: float
+) -> bool:
+    """Whether a map `height [H, W]` pays against `base [H, W]`, under the lights of the stack.
 
     Args:
         stack: pictures to judge by.
         height, base: heights, in texture widths.
         untouched: disagreement of the pictures as they are.
+        by_chance: share of it that heights leave which cannot mean anything.
     """
-    share = MIN_SHARE if bool((height == height[0, 0]).all()) else MAP_SHARE
     after, before = disagreement(stack, height), disagreement(stack, base)
-    return _pays(after, before, disagreement(stack, 2.0 * base - height), share * untouched)
+    control = min(disagreement(stack, 2.0 * base - height), by_chance * untouched)
+    return _pays(after, min(before, control), MAP_SHARE * untouched)
 
 
 def drift_pays(stack: PictureStack, drift: Tensor, height: Tensor, untouched: float) -> bool:
@@ -52,9 +68,8 @@ def drift_pays(stack: PictureStack, drift: Tensor, height: Tensor, untouched: fl
     after, before, control = (
         disagreement(replace(stack, drift=each), height) for each in (drift, 0.0 * drift, -drift)
     )
-    return _pays(after, before, control, MIN_SHARE * untouched)
+    return _pays(after, min(before, control), MIN_SHARE * untouched)
 
 
-def _pays(after: float, before: float, control: float, share: float) -> bool:
-    least = min(before, control)
-    return least - after > max(MIN_GAIN * least, share)
+def _pays(after: float, before: float, share: float) -> bool:
+    return before - after > max(MIN_GAIN * before, share)

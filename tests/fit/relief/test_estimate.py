@@ -21,6 +21,7 @@ from spmm_torch.fit.relief.given import best_scale, read_heights, stored_heights
 from spmm_torch.fit.relief.pictures import chosen_views, shift_of_height
 from spmm_torch.fit.relief.search import Search
 from spmm_torch.geometry.directions import ring_directions
+from tests.planted.palettes import strewn_palettes
 from tests.planted.reliefs import RINGS, PlantedRelief, planted_relief
 
 VIEWS = sum(count for _, count in RINGS)
@@ -221,3 +222,9 @@ def test_heights_fit_into_one_byte() -> None:
     assert torch.allclose(one_byte(rounded), rounded, atol=1e-7)
     flat = torch.full((3, 3), 0.25)
     assert torch.equal(one_byte(flat), flat)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_flat_neighbours_of_other_mixtures_have_no_relief(seed: int) -> None:
+    """Heights that let them agree by chance do so under lights that they were not found under."""
+    assert estimate_relief(strewn_palettes(16, 8, seed)[0]).height is None
