@@ -9,6 +9,7 @@ from spmm_torch import FitConfig, load_btf
 from spmm_torch.fit import fit
 from tests.locations import DATA, needs_data
 from tests.measured import FOUR_LOBES, measured_brdfs, measured_means
+from tests.planted.palettes import strewn_palettes
 
 pytestmark = pytest.mark.slow
 # SNR in dB of lobes alone and with their residual, and lobes a texel, as docs/performance.md has
@@ -31,6 +32,13 @@ def test_path_traced_materials(name: str) -> None:
     assert snr["without_residual"] >= without_residual - DECIBELS
     assert snr["with_residual"] >= with_residual - DECIBELS
     assert report["mean_basis_per_texel"] <= lobes + LOBES
+
+
+def test_planted_mixtures_strewn_over_a_flat_texture() -> None:
+    btf, lobes = strewn_palettes(16, 8, seed=0)
+    report = fit(btf, FitConfig(), render=False).report
+    assert report["snr_db"]["without_residual"] >= 110.0
+    assert report["mean_basis_per_texel"] == pytest.approx(lobes, abs=0.01)
 
 
 @needs_data("measured_brdfs.npz")

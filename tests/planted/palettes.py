@@ -10,6 +10,7 @@ from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import COORDINATES, LobeBatch, decode
 
 from .btfs import texel_btf
+from .lobes import HORIZON
 
 
 def strewn_palettes(
@@ -37,10 +38,13 @@ def strewn_palettes(
 
 
 def _random_lobes(count: int, generator: torch.Generator) -> LobeBatch:
-    """Lobes of any of the seven models, tilted up to 45 degrees, neither flat nor needles."""
+    """Lobes of any of the seven models, tilted up to 45 degrees, neither flat nor needles.
+
+    They fade at their horizons as those of a fit do.
+    """
     model = torch.randint(7, (count,), generator=generator)
     coordinates = torch.rand(count, COORDINATES, generator=generator)
     coordinates[:, :2] -= 0.5
     coordinates[:, 2] *= torch.pi
     coordinates[:, 3:] = 0.25 + 0.5 * coordinates[:, 3:]
-    return decode(model, coordinates)
+    return decode(model, coordinates, HORIZON)
