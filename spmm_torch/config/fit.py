@@ -98,8 +98,9 @@ class WeightsConfig:
         "auto",
         "error to minimize: l2 (squared, as in the paper), cube-root or log (approximately the "
         "squared error of values after that compression), balanced (of values and of cube roots), "
-        "or auto (l2, but for glossy data balanced, or cube-root where peaks are narrower than the "
-        "directions; balanced for scattered samples; l2 for search.method stagewise)",
+        "or auto (l2, but for glossy data relative to each view, or balanced, or cube-root where "
+        "peaks are narrower than the directions; balanced for scattered samples; l2 for "
+        "search.method stagewise)",
         choices=("auto", "l2", "balanced", "cube-root", "log"),
     )
 

@@ -14,6 +14,7 @@ from .views import BY_VIEW, view_weights
 # Minus the exponent of g'(y)^2: y^(1/3) has 2 (1 - 1/3), log(y) has 2.
 CUBE_ROOT, LOG = 4.0 / 3.0, 2.0
 EXPONENTS = {"cube-root": CUBE_ROOT, "log": LOG}
+L2, BALANCED = "l2", "balanced"
 # Fraction of the typical value that is added to all values: darker ones count as black.
 DARK = 0.1
 # Least part of the mean that is typical of scattered samples.
@@ -59,7 +60,7 @@ class Compression:
         """What errors of a name make of values.
 
         Args:
-            error: by-view, balanced, cube-root or log.
+            error: l2, by-view, balanced, cube-root or log.
             size: mean values of the pairs, 0 where not measured, `[D]` float64.
             measured: `[D]` bool.
             views: number of views.
@@ -70,9 +71,11 @@ class Compression:
         size = size.clamp(min=0.0)
         dark = float(DARK * _typical(size[measured], listed))
         plain, seen = 0.0, 1.0
+        if error in (L2, BY_VIEW):
+            plain, seen = 1.0, 0.0
         if error == BY_VIEW:
-            plain, seen, pair = 1.0, 0.0, view_weights(size, measured, views)
-        if error == "balanced":
+            pair = view_weights(size, measured, views)
+        if error == BALANCED:
             plain = float(1.0 / size[measured].square().sum())
             seen = float(1.0 / (9.0 * (size[measured] + dark).pow(2.0 / 3.0).sum()))
         exponent = EXPONENTS.get(error, CUBE_ROOT)

@@ -19,11 +19,12 @@ from ...lobes.grid import DirectionGrid
 from ...runtime.memory import slices
 from .measure import is_glossy
 from .peaks import unresolved
-from .trial import suit_views
+from .trial import best_errors
 
 MATT, GLOSSY, DIELECTRIC, METAL = "matt", "glossy", "mirrors of dielectrics", "mirrors of metal"
-# Glossy ones that errors relative to their view suit.
-BY_VIEW = "glossy by view"
+# Glossy ones that squared errors suit, or those relative to their view.
+PLAIN, BY_VIEW = "glossy by squared errors", "glossy by view"
+BY_ERROR = {"l2": PLAIN, "by-view": BY_VIEW, "balanced": GLOSSY}
 # Glossy materials that are tried together.
 TRIED = 32
 
@@ -87,11 +88,11 @@ def _kind(grid: DirectionGrid, value: Tensor, width: float) -> str:
 def _with_trial(
     names: list[str], btf: BTF, grid: DirectionGrid, config: FitConfig, device: torch.device
 ) -> list[str]:
-    """The kinds of all materials, where the glossy ones that errors by view suit are apart."""
+    """The kinds of all materials, where the glossy ones are apart by the errors that suit them."""
     glossy = torch.tensor([place for place, name in enumerate(names) if name == GLOSSY])
     told = list(names)
     for some in glossy.long().split(TRIED) if len(glossy) else ():
-        right = suit_views(grid, btf.signals(some, device), config.search)
-        for place in some[right.cpu()].tolist():
-            told[place] = BY_VIEW
+        errors = best_errors(grid, btf.signals(some, device), config.search)
+        for place, error in zip(some.tolist(), errors, strict=True):
+            told[place] = BY_ERROR[error]
     return told

@@ -1,9 +1,9 @@
 """What a fit minimizes: squared errors, or others where data are glossy.
 
 Squared errors of glossy data see the peaks at grazing angles alone. Where directions resolve the
-peaks, errors count relative to their view; or, if a body would not be worth a lobe, those of cube
-roots count beside them: a trial tells. Where directions do not, values at the peaks say little, and
-errors of cube roots count alone.
+peaks, a trial tells whether errors count as they are or relative to their view; or whether those of
+cube roots count beside them, since a body would not be worth a lobe else. Where directions do not,
+values at the peaks say little, and errors of cube roots count alone.
 
 Peaks that the directions do not resolve are over-represented: directions are measured as mirror
 images of each other, so that as many pairs meet such a peak as if it were as wide as the angle
@@ -27,7 +27,7 @@ from ...model.spmm import SPMM
 from ...report.contract import ObjectiveFigures
 from .measure import ENERGY, PAIRS, is_glossy, some_texels
 from .peaks import NARROW, Unresolved, peak_pairs, unresolved
-from .trial import suits_views
+from .trial import best_error
 from .views import BY_VIEW
 
 # The model whose peaks have tails as those of measured glossy materials, which the seven lack.
@@ -70,7 +70,7 @@ class Objective:
             share = (upright.width / width) ** 2
             pair = torch.where(peak_pairs(grid, width), share, 1.0).cpu()
         if chosen and peak is None:
-            error = BY_VIEW if suits_views(grid, values, config.search) else "balanced"
+            error = best_error(grid, values, config.search)
         elif chosen:
             error = "cube-root"
         return cls(error, chosen, width, peak, pair)

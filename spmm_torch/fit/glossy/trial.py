@@ -1,14 +1,15 @@
-"""A trial of both ways to fit glossy texels whose peaks the directions resolve.
+"""A trial of the errors by which glossy texels may be fit whose peaks the directions resolve.
 
-Errors relative to their view are nearer to the peaks, and between samples, too; but a lobe for the
-body of a clear coat takes little away from them, so that it may be refused, and the colour of the
-body is lost. Errors that are balanced with those of cube roots hold the body. Which way loses less,
-the samples tell: what one gains in values, and the other in cube roots, in dB.
+Plain squared errors see the brightest peaks alone. Relative to their view, all peaks count, and
+what lies between samples is nearer. But a lobe for the body of a clear coat takes little away from
+either, so that it may be refused, and the colour of the body is lost: errors balanced with those of
+cube roots hold it. Which way loses less, the samples tell: in values and in cube roots, dB for dB.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import Counter
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -18,7 +19,7 @@ from ...lobes.batch import Feasible
 from ...lobes.grid import DirectionGrid
 from ..search.bank import build_bank
 from ..search.joint import CorrectiveSearch
-from .compression import Compression, own_units
+from .compression import BALANCED, L2, Compression, own_units
 from .views import BY_VIEW
 
 # Texels of the trial, at most, and normals of its candidates, as for few samples.
@@ -27,8 +28,8 @@ TEXELS, NORMALS = 8, 120
 UNSEEN_VALUES, UNSEEN_ROOTS = 1e-3, 1e-2
 
 
-def suits_views(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> bool:
-    """Whether errors relative to their view suit most texels.
+def best_error(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> str:
+    """The name of the errors that suit most texels.
 
     Args:
         grid: the measured pairs.
@@ -36,14 +37,15 @@ def suits_views(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> bo
         search: settings of the search.
     """
     some = values[:: -(-len(values) // TEXELS)]
-    return bool(suit_views(grid, some, search).double().mean() >= 0.5)
+    return Counter(best_errors(grid, some, search)).most_common(1)[0][0]
 
 
-def suit_views(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> Tensor:
-    """Which texels, `[n]` bool, errors relative to their view suit better than balanced ones.
+def best_errors(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> list[str]:
+    """The names of the errors that suit each of n texels: l2, by-view or balanced.
 
-    That is where they are right in cube roots, or the product of the errors of values and of cube
-    roots is lower. What nobody sees is no gain.
+    Squared errors stay where they are right in cube roots, too, and errors relative to their view
+    are worse in both. These are taken where they are right in cube roots, or the product of both
+    errors is lower than by balanced ones. What nobody sees is no gain.
 
     Args:
         grid: the measured pairs.
@@ -51,18 +53,33 @@ def suit_views(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> Ten
         search: settings of the search.
     """
     values = values / own_units(values)
-    plain, roots = _errors(grid, values, search, BY_VIEW)
-    right = roots <= UNSEEN_ROOTS
-    if bool(right.all()):
-        return right
-    others = _errors(grid, values, search, "balanced")
-    return right | (_product(plain, roots) <= _product(*others))
+    plain, by_view = (_errors(grid, values, search, error) for error in (L2, BY_VIEW))
+    stays = (plain.roots <= UNSEEN_ROOTS) & plain.is_below(by_view)
+    suits = by_view.roots <= UNSEEN_ROOTS
+    if not bool((stays | suits).all()):
+        suits |= by_view.product() <= _errors(grid, values, search, BALANCED).product()
+    pairs = zip(stays.tolist(), suits.tolist(), strict=True)
+    return [L2 if plain_one else BY_VIEW if view else BALANCED for plain_one, view in pairs]
 
 
-def _errors(
-    grid: DirectionGrid, values: Tensor, search: SearchConfig, error: str
-) -> tuple[Tensor, Tensor]:
-    """Relative squared errors `[n]` of lobes, in values and in cube roots.
+@dataclass(frozen=True)
+class _Found:
+    """Relative squared errors of n texels, `[n]`, in values and in cube roots."""
+
+    values: Tensor
+    roots: Tensor
+
+    def is_below(self, other: _Found) -> Tensor:
+        """Where both errors are at most those of another way, `[n]`."""
+        return (self.values <= other.values) & (self.roots <= other.roots)
+
+    def product(self) -> Tensor:
+        """The product `[n]` of both errors as far as anybody sees them."""
+        return self.values.clamp(min=UNSEEN_VALUES) * self.roots.clamp(min=UNSEEN_ROOTS)
+
+
+def _errors(grid: DirectionGrid, values: Tensor, search: SearchConfig, error: str) -> _Found:
+    """What lobes that are sought by errors of a name leave.
 
     Args:
         grid: the measured pairs.
@@ -79,12 +96,7 @@ def _errors(
     finder = CorrectiveSearch(grid, bank, feasible, search, grid.scaled(values), bank.lobes[:0])
     found = finder.run(lambda steps: None).values(grid.unscaled)  # [n, C, D]
     roots = (part.double().clamp(min=0.0).pow(1.0 / 3.0) for part in (values, found))
-    return _relative(values.double(), found.double()), _relative(*roots)
-
-
-def _product(plain: Tensor, roots: Tensor) -> Tensor:
-    """The product `[n]` of both errors as far as anybody sees them."""
-    return plain.clamp(min=UNSEEN_VALUES) * roots.clamp(min=UNSEEN_ROOTS)
+    return _Found(_relative(values.double(), found.double()), _relative(*roots))
 
 
 def _relative(wanted: Tensor, found: Tensor) -> Tensor:
