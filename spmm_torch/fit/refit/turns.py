@@ -34,6 +34,8 @@ from .sweep import Swept, sweep
 from .system import MAX_ROUNDING_DB, ROUNDING, System
 
 BYTES, HALVES = torch.int8, torch.float16
+# Largest loss by bytes of the coefficients: as many bytes gain more as further components.
+MAX_COEFFICIENT_DB = 0.1
 
 
 @dataclass(frozen=True)
@@ -122,20 +124,20 @@ class Turns:
         """The residual as a file holds it.
 
         Bytes serve unless their rounding shows. It shows in the functions first, which all texels
-        share; in the coefficients only of models that are nearly exact.
+        share and which cost little; in the coefficients only of models that are nearly exact.
         """
         products, found = self._swept.products, self.coefficient
         functions = self.setup.filled(self._swept.functions.transpose(0, 1))
         taken = self._taken(products, found)
-        room = (10.0 ** (0.1 * MAX_ROUNDING_DB) - 1.0) * self.error
+        shows, counts = (_added(self.error, db) for db in (MAX_ROUNDING_DB, MAX_COEFFICIENT_DB))
         size = found.double().square().sum(0)  # [R]
         for of_functions, of_coefficients in ((BYTES, BYTES), (HALVES, BYTES), (HALVES, HALVES)):
             code, scale = encode_functions(functions, of_functions)
             rounding = (decode_functions(code, scale) - functions).double().square()
             coefficient = encode_coefficients(found, of_coefficients)
             stored = decode_coefficients(*coefficient)
-            lost = float(size @ rounding.flatten(1).sum(1)) + taken - self._taken(products, stored)
-            if lost <= room:
+            by_functions = float(size @ rounding.flatten(1).sum(1))
+            if by_functions <= shows and taken - self._taken(products, stored) <= counts:
                 break
         return RankResidual(code, scale, *coefficient, self._taken(products, stored))
 
@@ -195,3 +197,8 @@ class Turns:
             entries = system.fitted(self.entries, target, steps)[0]
         with context.watch("residual"):
             return replace(self, target=target).beside(entries)
+
+
+def _added(error: float, decibels: float) -> float:
+    """What makes a squared error that many decibels greater."""
+    return (10.0 ** (0.1 * decibels) - 1.0) * error
