@@ -94,8 +94,8 @@ def values(
 
 def _computed(*given: Any) -> Tensor:
     """`values` of the arguments of the operator."""
-    weight, kappa, normal, angle, bilinear, wi, wo, *given = given
-    epsilon, (block, kind, *lists, horizon, lowest) = Epsilon(*given[:7]), given[7:]
+    weight, kappa, normal, angle, bilinear, wi, wo, *rest = given
+    epsilon, (block, kind, *lists, horizon, lowest) = Epsilon(*rest[:7]), rest[7:]
     lobes = LobeBatch(kind, kappa, normal, angle, horizon, lowest)
     blocks = MergedEntries(*lists).weighted(weight.to(torch.promote_types(weight.dtype, wi.dtype)))
 
@@ -133,7 +133,7 @@ def _values_backward(slope: Tensor, needed: list[bool], *given: Any) -> list[Ten
             for part, need in zip(given[:_DIFFERENTIABLE], needed, strict=True)
         ]
         value = _computed(*moved, *given[_DIFFERENTIABLE:])
-        live = [part for part, need in zip(moved, needed, strict=True) if need]
+        live = [part for part in moved if part is not None and part.requires_grad]
         return list(torch.autograd.grad(value, live, slope, materialize_grads=True))
 
 
