@@ -29,7 +29,7 @@ from tests.locations import ROOT
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
 SIDE, CLUSTERS = 6, 4
 TEXELS = [f"texels-{k:04d}" for k in range(CLUSTERS)]
-STAGES = ["relief", "cluster", "search", *TEXELS, "pictures", "sweep-0"]
+STAGES = ["relief", "cluster", "search", *TEXELS, "pictures", "sweep-0", "sweep-1"]
 FILES = ["config.yaml", "log.txt", "model.safetensors", "report.html", "report.json"]
 SETTINGS = {
     "cluster.count": CLUSTERS,

@@ -254,8 +254,15 @@ def test_devices() -> None:
 @pytest.mark.gpu
 def test_same_on_cuda() -> None:
     btf = noisy(3, 4)
-    on_cpu = fit(btf, small(), render=False).report["snr_db"]
-    result = fit(btf, small().override(["device=cuda"]), render=False)
+    results = [
+        fit(btf, small().override([f"device={device}"]), render=False) for device in ("cpu", "cuda")
+    ]
+    result = results[1]
     assert not result.model.weight.is_cuda
-    assert result.report["snr_db"] == pytest.approx(on_cpu, abs=0.2)
+    # Above 80 dB it shows that a GPU is asked less often whether a solver has converged.
+    on_cpu, on_cuda = (
+        {name: min(value, 80.0) for name, value in each.report["snr_db"].items()}
+        for each in results
+    )
+    assert on_cuda == pytest.approx(on_cpu, abs=0.2)
     check_errors(btf, result)
