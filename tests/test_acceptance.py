@@ -48,7 +48,7 @@ def test_measured_brdfs() -> None:
         fit(btf, FOUR_LOBES).report["snr_db"]["without_residual"]
         for _, btf in measured_brdfs(every)
     ]
-    assert np.median(snr) >= 23.0
+    assert np.median(snr) >= 21.5
     assert np.quantile(snr, 0.1) >= 15.0
 
 

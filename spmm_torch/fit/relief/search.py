@@ -74,7 +74,7 @@ class Search:
 
     def heights_pay(self, height: Tensor, base: Tensor) -> bool:
         """Whether a map `height [H, W]` pays against `base [H, W]`."""
-        return heights_pay(self.judged, height, base, self.untouched, self._left_by_chance())
+        return heights_pay(self.judged, height, base, self.untouched, self._left_by_chance)
 
     def _left_by_chance(self) -> float:
         """Fraction of the disagreement that is left by heights found in views turned by a quarter.

@@ -9,6 +9,7 @@ normal, in which no relief can show.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from torch import Tensor
@@ -41,7 +42,11 @@ def plane_pays(stack: PictureStack, plane: Tensor, untouched: float) -> bool:
 
 
 def heights_pay(
-    stack: PictureStack, height: Tensor, base: Tensor, untouched: float, by_chance: float
+    stack: PictureStack,
+    height: Tensor,
+    base: Tensor,
+    untouched: float,
+    by_chance: Callable[[], float],
 ) -> bool:
     """Whether a map `height [H, W]` pays against `base [H, W]`, under the lights of the stack.
 
@@ -49,11 +54,11 @@ def heights_pay(
         stack: pictures to judge by.
         height, base: heights, in texture widths.
         untouched: disagreement of the pictures as they are.
-        by_chance: share of it that heights leave which cannot mean anything.
+        by_chance: tells the share of it that heights leave which cannot mean anything.
     """
     after, before = disagreement(stack, height), disagreement(stack, base)
-    control = min(disagreement(stack, 2.0 * base - height), by_chance * untouched)
-    return _pays(after, min(before, control), MAP_SHARE * untouched)
+    least, share = min(before, disagreement(stack, 2.0 * base - height)), MAP_SHARE * untouched
+    return _pays(after, least, share) and _pays(after, by_chance() * untouched, share)
 
 
 def drift_pays(stack: PictureStack, drift: Tensor, height: Tensor, untouched: float) -> bool:
