@@ -10,13 +10,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from ..brdf import MODEL_NAMES, PAPER_MODELS
 from ..errors import ConfigError
-from ..runtime.names import text_of
 from .schema import MAX_SEED, assign, from_dict, parse_value, plain, setting
-from .written import read_yaml, with_texts
+from .written import dump_text, read_yaml
 
 
 @dataclass(frozen=True)
@@ -383,7 +380,7 @@ class FitConfig:
 
     def to_yaml(self) -> str:
         """The settings as YAML text."""
-        return yaml.safe_dump(with_texts(self.to_dict(), text_of), sort_keys=False)
+        return dump_text(self.to_dict(), unicode=False)
 
     def override(self, assignments: list[str]) -> FitConfig:
         """A copy of the settings with assignments such as `search.restarts=8`, values in YAML.

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from ..errors import ConfigError
-from ..runtime.names import path_of
+from ..runtime.names import path_of, text_of
 
 # Plain scalars that stand for no value.
 NULLS = ("", "~", "null", "Null", "NULL")
@@ -105,6 +105,16 @@ def load_yaml(path: Path | str, what: str = "settings file") -> Any:
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
         raise ConfigError(f"{what} {path} is not valid YAML: {reason}; mend it.") from error
+
+
+def dump_text(values: Any, *, unicode: bool) -> str:
+    """The YAML text of plain values, whose texts may be paths as this process spells them.
+
+    Args:
+        values: nested lists, dictionaries and scalars.
+        unicode: whether letters beyond ASCII stay as they are.
+    """
+    return yaml.safe_dump(with_texts(values, text_of), sort_keys=False, allow_unicode=unicode)
 
 
 def with_texts(values: Any, change: Callable[[str], str]) -> Any:

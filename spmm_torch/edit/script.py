@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import yaml
 from torch import Tensor
 
-from ..config.written import kind_of, load_yaml, with_texts
+from ..config.written import dump_text, kind_of, load_yaml
 from ..errors import ConfigError, SPMMError
 from ..model.spmm import SPMM
-from ..runtime.names import text_of
 from .edits import EDITS
 from .options import Edit, Mask, name_of
 from .parsing import map_paths, parse_edit, plain_edit
@@ -109,8 +107,7 @@ class Script:
 
     def to_yaml(self) -> str:
         """The script as YAML text."""
-        plain = with_texts(self.plain(), text_of)
-        return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+        return dump_text(self.plain(), unicode=True)
 
     def apply(self, model: SPMM, progress: Callable[[int], object] | None = None) -> SPMM:
         """The model after all edits; each mask is applied to the model that its edit meets.

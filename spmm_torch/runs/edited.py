@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-import yaml
 
-from ..config.written import with_texts
+from ..config.written import dump_text
 from ..edit import Script
 from ..edit.parsing import map_paths
 from ..errors import OutputError, SPMMError
@@ -20,7 +19,6 @@ from ..report import write_report
 from ..report.contract import FILE_NAME, Report, older_report
 from ..report.edited import edited_report, write_edited_html
 from ..runtime.atomic import new_folder, write_atomic
-from ..runtime.names import text_of
 from ..runtime.tensor_file import MODEL_FILE
 from .folder import CONFIG, REPORT_PAGE
 
@@ -163,5 +161,4 @@ def _kept_script(script: Script, folder: Path) -> str:
             shutil.copyfile(source, folder / kept[path])
         return kept[path]
 
-    plain = with_texts(map_paths(script.plain(), keep), text_of)
-    return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True)
+    return dump_text(map_paths(script.plain(), keep), unicode=True)

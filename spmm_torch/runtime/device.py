@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any, cast
 
 import torch
+from torch import Tensor
 
 from ..errors import ConfigError
 from .ranks import launched
@@ -68,6 +69,17 @@ def plain_torch() -> Iterator[None]:
             yield
     finally:
         torch.set_default_dtype(before)
+
+
+def asks(tensor: Tensor, number: int, every: int) -> bool:
+    """Whether a loop asks at step `number` if it is done: on a GPU, whose host waits, seldom.
+
+    Args:
+        tensor: one of the loop, on its device.
+        number: steps that were taken.
+        every: steps after which a GPU is asked.
+    """
+    return not tensor.is_cuda or (number > 0 and number % every == 0)
 
 
 def local_device(name: str) -> str:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..runtime.device import asks
 from .status import STATUS_DTYPE, Status
 
 # A step that does not lower the value is tried again with this fraction of its length.
@@ -81,8 +82,7 @@ def sparse_nnls(
     squared = torch.zeros_like(length)  # length of the last gradient in the metric 1 / diagonal
     open_ = conditions.violation(x, gradient) > tolerance  # [C]
     for number in range(steps):
-        asked = not x.is_cuda or (number > 0 and number % CUDA_STEPS == 0)
-        if asked and not bool(open_.any()):
+        if asks(x, number, CUDA_STEPS) and not bool(open_.any()):
             break
         now = (x > 0.0) | (gradient < 0.0)
         descent = downhill * gradient * now
@@ -108,7 +108,7 @@ def sparse_nnls(
         x, gradient = torch.where(better, moved, x), torch.where(better, changed, gradient)
         value = torch.where(better, found, value)
         length = torch.where(better, whole, length * BACKTRACK)
-        if x.is_cuda and (number + 1) % CUDA_STEPS:
+        if not asks(x, number + 1, CUDA_STEPS):
             continue  # steps of converged problems, which nobody asks about, do no harm
         open_ = (conditions.violation(x, gradient) > tolerance) & (length > SHORTEST)
     left = conditions.violation(x, gradient) > tolerance

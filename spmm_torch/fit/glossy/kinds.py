@@ -17,14 +17,17 @@ from ...data.blocks import block_texels
 from ...data.pair_lists import ListStore
 from ...lobes.grid import DirectionGrid
 from ...runtime.memory import slices
+from .compression import BALANCED, L2
 from .measure import is_glossy
 from .peaks import unresolved
 from .trial import best_errors
+from .views import BY_VIEW
 
 MATT, GLOSSY, DIELECTRIC, METAL = "matt", "glossy", "mirrors of dielectrics", "mirrors of metal"
-# Glossy ones that squared errors suit, or those relative to their view.
-PLAIN, BY_VIEW = "glossy by squared errors", "glossy by view"
-BY_ERROR = {"l2": PLAIN, "by-view": BY_VIEW, "balanced": GLOSSY}
+# Glossy ones that squared errors suit.
+PLAIN = "glossy by squared errors"
+# Kinds of glossy materials by the errors that suit them.
+BY_ERROR = {L2: PLAIN, BY_VIEW: "glossy by view", BALANCED: GLOSSY}
 # Glossy materials that are tried together.
 TRIED = 32
 

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ...model.lookup import SparseWeights
+from ...runtime.device import asks
 from ...runtime.sparse import sparse_product
 from .lookups import Lookups
 from .matrices import joint_matrix, products_at, rows_by_view, side_by_side
@@ -81,8 +82,7 @@ def coefficients(
     size = (left * step).sum()
     tiny = torch.finfo(size.dtype).tiny
     for number in range(steps):
-        asked = not size.is_cuda or (number > 0 and number % CUDA_STEPS == 0)
-        if asked and not bool(size > CONVERGED * first):
+        if asks(size, number, CUDA_STEPS) and not bool(size > CONVERGED * first):
             break
         along = seen(step, gram, lookups)
         reach = size / (step * along).sum().clamp(min=tiny)

@@ -56,10 +56,11 @@ class Storage:
         if asked != "auto":
             return self._rounded(WEIGHT_TYPES[asked])
         exact = self._rounded(torch.float32)
-        energy, before = self.system.products.energy, list(self._errors(exact))
-        if min(self._by_products(exact)) < FAINT * energy:
+        energy, told = self.system.products.energy, self._by_products(exact)
+        if min(told) < FAINT * energy:
             return exact
-        for kind in (torch.uint8, torch.int16):
+        before = told if self.by_clusters is None else [*told, self.by_clusters]
+        for kind in filter(is_coded, WEIGHT_TYPES.values()):
             found = self._rounded(kind)
             pairs = zip(before, self._errors(found), strict=True)
             if all(snr_db(energy, a) - snr_db(energy, b) <= MAX_ROUNDING_DB for a, b in pairs):
@@ -75,11 +76,11 @@ class Storage:
         entries = rounded_together(self.entries, kind, system.normal, target, self.generator)
         return Rounded(kind, entries, None if turns is None else turns.beside(entries))
 
-    def _by_products(self, found: Rounded) -> Iterator[float]:
+    def _by_products(self, found: Rounded) -> list[float]:
         """Squared errors that products tell: of the lobes alone, and with components."""
-        yield self.system.error(found.entries.weight)
-        if found.turns is not None:
-            yield found.turns.error
+        if found.turns is None:
+            return [self.system.error(found.entries.weight)]
+        return [found.turns.lobes_error, found.turns.error]
 
     def _errors(self, found: Rounded) -> Iterator[float]:
         """Squared errors of the lobes alone, with components, and with residuals of clusters.

@@ -111,14 +111,23 @@ class Turns:
     def beside(self, entries: SparseWeights) -> Turns:
         """The state with other weights of the same lobes, the coefficients fit beside them."""
         swept = replace(self._swept, products=self._products(entries))
-        found = replace(self, entries=entries, swept=swept)
-        return replace(found, coefficient=found._coefficients(swept.products, self.coefficient))
+        found = self._coefficients(swept.products, self.coefficient)
+        return replace(self, entries=entries, swept=swept, coefficient=found)
 
-    @property
+    @cached_property
+    def lobes_error(self) -> float:
+        """Squared error of the lobes alone."""
+        return self.system.error(self.entries.weight)
+
+    @cached_property
     def error(self) -> float:
         """Squared error of lobes and residual, before the residual is rounded."""
-        taken = self._taken(self._swept.products, self.coefficient)
-        return max(self.system.error(self.entries.weight) - taken, 0.0)
+        return max(self.lobes_error - self._taken_away, 0.0)
+
+    @cached_property
+    def _taken_away(self) -> float:
+        """Squared error that the residual takes away, before it is rounded."""
+        return self._taken(self._swept.products, self.coefficient)
 
     def stored(self) -> RankResidual:
         """The residual as a file holds it.
@@ -128,7 +137,6 @@ class Turns:
         """
         products, found = self._swept.products, self.coefficient
         functions = self.setup.filled(self._swept.functions.transpose(0, 1))
-        taken = self._taken(products, found)
         shows, counts = (_added(self.error, db) for db in (MAX_ROUNDING_DB, MAX_COEFFICIENT_DB))
         size = found.double().square().sum(0)  # [R]
         for of_functions, of_coefficients in ((BYTES, BYTES), (HALVES, BYTES), (HALVES, HALVES)):
@@ -136,10 +144,11 @@ class Turns:
             rounding = (decode_functions(code, scale) - functions).double().square()
             coefficient = encode_coefficients(found, of_coefficients)
             stored = decode_coefficients(*coefficient)
+            taken = self._taken(products, stored)
             by_functions = float(size @ rounding.flatten(1).sum(1))
-            if by_functions <= shows and taken - self._taken(products, stored) <= counts:
+            if by_functions <= shows and self._taken_away - taken <= counts:
                 break
-        return RankResidual(code, scale, *coefficient, self._taken(products, stored))
+        return RankResidual(code, scale, *coefficient, taken)
 
     def _taken(self, products: Tensor, coefficient: Tensor) -> float:
         """Squared error that coefficients `[T, R]` take away, given products `[T, R]`."""
@@ -155,8 +164,7 @@ class Turns:
     @property
     def _nearly_exact(self) -> bool:
         """Whether the lobes leave so little that products of pictures would not tell it."""
-        left = self.system.error(self.entries.weight)
-        return left < ROUNDING * self.system.products.energy
+        return self.lobes_error < ROUNDING * self.system.products.energy
 
     @cached_property
     def _gram(self) -> Tensor:
@@ -188,9 +196,7 @@ class Turns:
         """
         system, context = self.system, self.setup.problem.context
         with context.watch("refit"):
-            without = system.error(self.entries.weight)
-            taken = self._taken(self._swept.products, self.coefficient)
-            share = residual_weight(without, taken, math.inf)
+            share = residual_weight(self.lobes_error, self._taken_away, math.inf)
             shown = seen_by_lobes(self.coefficient, self._kernel, system.lookups, self.entries)
             steps = self.setup.problem.config.refit.steps
             target = system.products.lobes - share * shown
