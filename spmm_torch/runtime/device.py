@@ -75,7 +75,7 @@ def asks(tensor: Tensor, number: int, every: int) -> bool:
     """Whether a loop asks at step `number` if it is done: on a GPU, whose host waits, seldom.
 
     Args:
-        tensor: one of the loop, on its device.
+        tensor: one of the loop, `[...]`, on its device.
         number: steps that were taken.
         every: steps after which a GPU is asked.
     """
