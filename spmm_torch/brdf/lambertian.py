@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
+from ..geometry.shapes import broadcast_shape
 from ..geometry.warp import square_to_cosine_hemisphere, square_to_cosine_hemisphere_pdf
 from .base import BRDF, INV_PI, Parameter, above_horizon
 from .slopes import LocalPairs, Slopes
@@ -26,12 +26,12 @@ class Lambertian(BRDF):
     def eval(self, kappa: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """f_r in 1/sr; see `BRDF.eval`."""
         lit = above_horizon(wi, wo)
-        shape = torch.broadcast_shapes(kappa.shape[:-1], lit.shape)
+        shape = broadcast_shape(kappa.shape[:-1], lit.shape)
         return (INV_PI * lit).expand(shape)
 
     def slopes(self, kappa: Tensor, pairs: LocalPairs) -> Slopes:
         """By hand; see `BRDF.slopes`."""
-        shape = torch.broadcast_shapes(pairs.wi[:, 2].shape, pairs.wo[:, 2].shape)
+        shape = broadcast_shape(pairs.wi[:, 2].shape, pairs.wo[:, 2].shape)
         return Slopes(pairs.wi.new_full(shape, INV_PI))
 
     def sample(self, kappa: Tensor, wo: Tensor, u: Tensor) -> Tensor:

@@ -20,6 +20,7 @@ from torch import Tensor
 from ..brdf import MODEL_NAMES
 from ..geometry.directions import MIRROR, frame_from_normal
 from ..geometry.relief import steepest
+from ..geometry.shapes import broadcast_shape
 from ..lobes.cut import view_step
 from ..model.relief import STEEPEST
 from ..model.spmm import SPMM
@@ -86,7 +87,7 @@ class ClosureMaterial:
     @torch.no_grad()
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor) -> Tensor:
         """Cosine-weighted RGB `[..., 3]` of uv `[..., 2]`, wi and wo `[..., 3]`."""
-        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (
             part.expand(*shape, n).reshape(-1, n).float().cpu()
             for part, n in ((uv, 2), (wi, 3), (wo, 3))

@@ -74,6 +74,11 @@ class Dictionary:
     choices: list[Tensor]
     raw: Tensor
 
+    @property
+    def is_shared(self) -> bool:
+        """Whether every cluster may choose every lobe."""
+        return all(len(choice) == len(self.atoms) for choice in self.choices)
+
 
 def build_dictionary(problem: Problem, found: FoundLobes, cluster_count: int) -> Dictionary:
     """The dictionary of all clusters."""

@@ -17,6 +17,7 @@ from torch.nn.functional import embedding_bag
 
 from .directions import texel_at, turn
 from .ray_walk import Cells, Rays, first_heights, folded
+from .shapes import broadcast_shape
 
 # Least slope of the surface against a ray that a gradient is divided by: at an outline it is 0,
 # and the place of the hit has no derivative.
@@ -109,7 +110,7 @@ class HeightField:
 
     def _rays(self, uv: Tensor, wo: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """uv, wo and the shift in units of u and v, of one shape and of the finer type."""
-        shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wo.shape[:-1])
         uv, wo = uv.expand(*shape, 2), wo.expand(*shape, 3)
         return uv, wo, self._shift_in_uv(wo).to(torch.promote_types(uv.dtype, wo.dtype))
 

@@ -21,6 +21,7 @@ from ..geometry.directions import (
     normal_from_disk,
     project_disk,
 )
+from ..geometry.shapes import broadcast_shape
 from .ragged import Grouped, Spans, groups, in_spans
 from .values import eval_model, eval_models
 
@@ -106,7 +107,7 @@ class LobeBatch:
         Raises:
             DataError: lobes or directions in float16 or bfloat16.
         """
-        shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
+        shape = broadcast_shape(wi.shape[1:-1], wo.shape[1:-1])
         if in_one_block(wi, len(self) * shape.numel()):
             return together(self.model, partial(self._eval_together, wi, wo))
         blocks = list(self._blocks(wi, wo))
@@ -131,7 +132,7 @@ class LobeBatch:
 
     def _blocks(self, wi: Tensor, wo: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
         """(indices `[B]`, values `[B, ...]`) of lobes in blocks of one model that fit the cache."""
-        shape = torch.broadcast_shapes(wi.shape[1:-1], wo.shape[1:-1])
+        shape = broadcast_shape(wi.shape[1:-1], wo.shape[1:-1])
         budget = CUDA_BLOCK if wi.is_cuda else CPU_BLOCK
         size = max(1, budget // max(1, shape.numel()))
         for model, rows in self.by_model():

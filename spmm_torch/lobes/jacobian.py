@@ -19,6 +19,7 @@ from ..brdf import MAX_PARAMETERS, REGISTRY
 from ..brdf.base import COS_EPS, Vectors
 from ..brdf.slopes import Angles, LocalPairs, Slopes
 from ..geometry.directions import frame_from_normal, normal_from_disk
+from ..geometry.shapes import broadcast_shape
 from ..runtime.memory import slices
 from .batch import COORDINATES, Scales
 from .cut import view_step_with_slope
@@ -46,7 +47,7 @@ class Directions:
     @property
     def shape(self) -> torch.Size:
         """That of values of a lobe at all pairs."""
-        return torch.broadcast_shapes(self.wi.shape[1:-1], self.wo.shape[1:-1])
+        return broadcast_shape(self.wi.shape[1:-1], self.wo.shape[1:-1])
 
     @cached_property
     def angles(self) -> Angles:

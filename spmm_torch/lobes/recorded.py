@@ -15,6 +15,7 @@ from torch import Tensor
 
 from ..brdf import MAX_PARAMETERS, REGISTRY
 from ..brdf.base import Vectors
+from ..geometry.shapes import broadcast_shape
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def record(model: int, kappa: tuple[Tensor, ...], wi: Vectors, wo: Vectors) -> R
         kappa: P parameters `[J, 1, ...]`.
         wi, wo: local directions `[J, ..., 3]`, which broadcast.
     """
-    shape = torch.broadcast_shapes(wi.shape[:-1], wo.shape[:-1])
+    shape = broadcast_shape(wi.shape[:-1], wo.shape[:-1])
     leaves = [
         part.detach().expand(shape).contiguous().requires_grad_()
         for part in (*wi.parts, *wo.parts, *kappa)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from ..config.synthesis import FAST
 from ..errors import OutputError
+from ..geometry.shapes import broadcast_shape
 from ..runtime.atomic import is_text, readable
 from ..runtime.names import text_of
 from ..synthesize.variant import works
@@ -48,7 +49,7 @@ class PluginMaterial:
 
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Cosine-weighted RGB `[..., 3]` of uv `[..., 2]`, v up, and wi, wo `[..., 3]`."""
-        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         if not shape.numel():
             return wi.new_zeros(*shape, 3)
         flat = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import embedding_bag
 
+from ..geometry.shapes import broadcast_shape
 from .measured_pairs import MeasuredPairs
 from .residual import encode_residual
 
@@ -93,7 +94,7 @@ class Components(nn.Module):
 
         It fades and ends as that of clusters does; see `Residual.forward`.
         """
-        shape = torch.broadcast_shapes(texel.shape, wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(texel.shape, wi.shape[:-1], wo.shape[:-1])
         wi, wo = (x.expand(*shape, 3).reshape(-1, 3) for x in (wi, wo))
         texel = texel.expand(shape).reshape(-1, 1)
         value = self.blend(texel, torch.ones_like(texel, dtype=wi.dtype), wi, wo)

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from ..errors import OutputError
+from ..geometry.shapes import broadcast_shape
 from .dense import traced
 from .spmm import SPMM
 
@@ -83,7 +84,7 @@ class Pyramid(nn.Module):
             DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
         """
         parts = uv.shape[:-1], wi.shape[:-1], wo.shape[:-1], footprint.shape
-        shape = torch.broadcast_shapes(*parts)
+        shape = broadcast_shape(*parts)
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         shares = self.shares(footprint.expand(shape).reshape(-1))
         total = None
@@ -104,7 +105,7 @@ class Pyramid(nn.Module):
             DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
         """
         parts = uv.shape[:-1], wi.shape[:-1], wo.shape[:-1], footprint.shape
-        shape = torch.broadcast_shapes(*parts)
+        shape = broadcast_shape(*parts)
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         shares = self.shares(footprint.expand(shape).reshape(-1)).to(wo.dtype)
         density = wo.new_zeros(len(wo))
@@ -130,7 +131,7 @@ class Pyramid(nn.Module):
             DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
         """
         parts = uv.shape[:-1], wo.shape[:-1], u.shape[:-1], footprint.shape
-        shape = torch.broadcast_shapes(*parts)
+        shape = broadcast_shape(*parts)
         uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
         side = footprint.expand(shape).reshape(-1)
         with torch.no_grad():

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
+from ..geometry.shapes import broadcast_shape
 from .measured_pairs import MeasuredPairs
 
 FLOAT16_MAX = 65504.0  # largest finite half
@@ -53,7 +54,7 @@ class Residual(nn.Module):
         Measured pairs return their stored value. Lights below the lowest measured one fade with
         their cosine. The residual is 0 where wi or wo is under the horizon.
         """
-        shape = torch.broadcast_shapes(cluster.shape, wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(cluster.shape, wi.shape[:-1], wo.shape[:-1])
         wi, wo = (x.expand(*shape, 3).reshape(-1, 3) for x in (wi, wo))
         cluster = cluster.expand(shape).reshape(-1, 1)
         value = self.blend(cluster, torch.ones_like(cluster, dtype=wi.dtype), wi, wo)

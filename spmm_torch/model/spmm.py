@@ -12,6 +12,7 @@ from ..errors import ConfigError
 from ..geometry.directions import CLAMP, REPEAT, RULES, texel_at
 from ..geometry.grazing import held_view
 from ..geometry.relief import texel_centres
+from ..geometry.shapes import broadcast_shape
 from ..runtime.device import full_precision, plain_torch
 from . import dense, ragged, sampling
 from .components import changes
@@ -113,7 +114,7 @@ class SPMM(Mixture):
         traced = dense.traced()
         if self.checks_queries and not traced:
             check_queries(uv=uv, wi=wi, wo=wo)
-        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         wo = self.held_view(wo)
         if traced if padded is None else padded:
@@ -192,7 +193,7 @@ class SPMM(Mixture):
         """
         if self.checks_queries:
             check_queries(uv=uv, wo=wo, u=u)
-        shape = torch.broadcast_shapes(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
         uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
         wo = self.held_view(wo)
         texel, bilinear = self.texels_seen(uv, wo)
@@ -215,7 +216,7 @@ class SPMM(Mixture):
         """
         if self.checks_queries:
             check_queries(uv=uv, wi=wi, wo=wo)
-        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         wo = self.held_view(wo)
         texel, bilinear = self.texels_seen(uv, wo)

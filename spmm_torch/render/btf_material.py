@@ -11,6 +11,7 @@ from ..data import BTF
 from ..geometry.directions import REPEAT, texel_at
 from ..geometry.grazing import grazing_fade, lowest_cosine
 from ..geometry.hemisphere import HemisphereInterpolation
+from ..geometry.shapes import broadcast_shape
 from ..runtime.memory import slices
 
 # Values of whole texels that are decoded at once: 64 MB of float32.
@@ -54,7 +55,7 @@ class BTFMaterial:
 
         Memory is bounded whatever the size of the BTF; each texel is read once.
         """
-        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         flat = uv.expand(*shape, 2).reshape(-1, 2)
         texel, texel_weight = texel_at(flat, self.btf.height, self.btf.width, self.rule)  # [Q, 4]
         pair, weight = self.pairs_at(wi, wo, shape)  # [Q, 9]

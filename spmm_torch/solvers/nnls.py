@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from ..geometry.shapes import broadcast_shape
 from ..runtime.memory import slices
 from .nnls_supports import MOST_ATOMS, nnls_by_supports
 from .nnls_unit import RIDGE, UnitProblems, solve_unit
@@ -69,7 +70,7 @@ def nnls_gram(
         Weights `[..., J]` in the dtype of `rhs`, and status `[...]`.
     """
     atoms = rhs.shape[-1]
-    batch = torch.broadcast_shapes(gram.shape[:-2], rhs.shape[:-1])
+    batch = broadcast_shape(gram.shape[:-2], rhs.shape[:-1])
     flat_rhs = rhs.expand(*batch, atoms).reshape(-1, atoms)  # [B, J]
     flat_gram, gram_row = _flatten_gram(gram, batch)
     flat_allowed = _flatten_mask(allowed, batch, atoms)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ...geometry.directions import REPEAT, texel_at
 from ...geometry.relief import HeightField
+from ...geometry.shapes import broadcast_shape
 from .parameters import Surface
 
 
@@ -37,7 +38,7 @@ class Textured:
     @torch.no_grad()
     def __call__(self, uv: Tensor, wi: Tensor, wo: Tensor, /) -> Tensor:
         """Cosine-weighted RGB `[..., 3]` of uv `[..., 2]`, wi and wo `[..., 3]`."""
-        shape = torch.broadcast_shapes(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
+        shape = broadcast_shape(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
         at = uv if self.field is None else self.field.hit(uv, wo)
         index, weight = texel_at(at, self.height, self.width, self.rule)

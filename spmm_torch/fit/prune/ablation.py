@@ -58,8 +58,7 @@ def _groups(
     problem: Problem, texels: Tensor, labels: Tensor, dictionary: Dictionary
 ) -> Iterator[tuple[Products, Tensor]]:
     """(products of texels that choose from the same lobes, models `[J]` of these lobes)."""
-    shared = all(len(choice) == len(dictionary.lobes) for choice in dictionary.choices)
-    owner = torch.zeros_like(texels) if shared else labels[texels]
+    owner = torch.zeros_like(texels) if dictionary.is_shared else labels[texels]
     for cluster in torch.unique(owner).tolist():
         own, choice = texels[owner == cluster], dictionary.choices[cluster]
         products = cluster_products(

@@ -88,6 +88,7 @@ class SelectStage:
         points: principal coordinates of the texels, `[T, P]`.
         dictionary: all lobes.
         spare: bytes that the products of a cluster may take in memory.
+        gram: D^T D of the whole dictionary, `[J, J]`; None where clusters choose from parts of it.
         gaps: direction pairs that were not measured; None: all were.
         stopped: set when the fit of a cluster is not needed any more.
     """
@@ -96,6 +97,7 @@ class SelectStage:
     points: Tensor
     dictionary: Dictionary
     spare: int
+    gram: Tensor | None = None
     gaps: MissingPairs | None = None
     stopped: Event = field(default_factory=Event)
 
@@ -107,7 +109,9 @@ def fit_texels(problem: Problem, clusters: Clusters, dictionary: Dictionary) -> 
     """
     btf, context = problem.btf, problem.context
     gaps = MissingPairs.of(btf.measured, btf.light, btf.view)
-    shared = SelectStage(problem, clusters.points, dictionary, context.budget.spare, gaps)
+    with context.watch("select"):
+        gram = dictionary.atoms @ dictionary.atoms.T if dictionary.is_shared else None
+    shared = SelectStage(problem, clusters.points, dictionary, context.budget.spare, gram, gaps)
     at_once, threads = _clusters_at_once(shared, len(clusters.members))
     taken = (at_once - 1) * cluster_bytes(len(dictionary.atoms))
     spare = (shared.spare - taken) // at_once
@@ -152,15 +156,17 @@ def _fit_cluster(stage: SelectStage, cluster: int, texels: Tensor) -> ClusterFit
     """Fits the `texels [n]` of one cluster, of which every rank has a part."""
     dictionary, config = stage.dictionary, stage.problem.config
     context = stage.problem.context
-    where = dictionary.choices[cluster]
+    where, gram = dictionary.choices[cluster], stage.gram
     start, size, solvers = None, config.select.pilot, StatusCounts.none()
     if size is not None and len(texels) > PILOTS * size:
         some = pilot_of(context.generator(f"pilot-{cluster}"), texels, size)
-        start, needed, solvers = _cluster_problem(stage, some, where).pilot()
+        pilot = _cluster_problem(stage, some, where, gram)
+        start, needed, solvers = pilot.pilot()
         used = torch.nonzero(needed).squeeze(1)
         where, start = where[used], start.of(used)
+        gram = pilot.products.gram[used[:, None], used]
     own = context.ranks.share(texels)
-    problem = _cluster_problem(stage, texels, where)
+    problem = _cluster_problem(stage, texels, where, gram)
     fit = problem.solve(start).after(solvers)
     with context.watch("residual"):
         errors = _errors(stage, own, where, problem.products, fit)
@@ -179,13 +185,22 @@ def pilot_of(generator: torch.Generator, texels: Tensor, size: int) -> Tensor:
     return texels[order[:size].sort().values]
 
 
-def _cluster_problem(stage: SelectStage, texels: Tensor, where: Tensor) -> ClusterProblem:
-    """The fit of the `texels [n]` that this rank has, with the lobes `where [J]`."""
+def _cluster_problem(
+    stage: SelectStage, texels: Tensor, where: Tensor, gram: Tensor | None
+) -> ClusterProblem:
+    """The fit of the `texels [n]` that this rank has, with the lobes `where [J]`.
+
+    Args:
+        stage: of all clusters.
+        texels: of one cluster.
+        where: lobes of the dictionary.
+        gram: their products with each other, `[J, J]`; None: computed.
+    """
     problem, context = stage.problem, stage.problem.context
     with context.watch("select"):
         atoms = stage.dictionary.atoms[where]
         own = context.ranks.share(texels)
-        products = _products(stage, own, atoms, problem.weights)
+        products = _products(stage, own, atoms, problem.weights, gram)
     return ClusterProblem(products, problem.config, context)
 
 
@@ -253,7 +268,13 @@ def _exact_weighted(
     return replace(errors, totals=totals, weighted=weighted)
 
 
-def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weights) -> Products:
+def _products(
+    stage: SelectStage,
+    texels: Tensor,
+    atoms: Tensor,
+    weights: Weights,
+    gram: Tensor | None = None,
+) -> Products:
     """The products of `texels [n]` with `atoms [J, D]`, on disk where memory is short."""
     problem = stage.problem
     channels = problem.btf.channels
@@ -267,6 +288,7 @@ def _products(stage: SelectStage, texels: Tensor, atoms: Tensor, weights: Weight
         (len(texels), channels),
         atoms,
         points=stage.points[texels] if problem.config.residual.beside_lobes else None,
+        gram=gram,
         in_memory=size <= stage.spare,
         ranks=problem.context.ranks,
         importance=weights.of_texels(texels, atoms.device),

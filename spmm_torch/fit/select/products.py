@@ -81,6 +81,7 @@ def cluster_products(
     atoms: Tensor,
     *,
     points: Tensor | None = None,
+    gram: Tensor | None = None,
     in_memory: bool = True,
     ranks: Ranks = ALONE,
     importance: Tensor | None = None,
@@ -93,6 +94,7 @@ def cluster_products(
         shape: (n, C).
         atoms: `[J, D]`, of unit norm.
         points: principal coordinates of the n texels, `[n, P]`, for `Products.overlap`.
+        gram: D^T D, `[J, J]`, where it is known already; None: it is computed.
         in_memory: whether D^T y lies in memory rather than in a scratch file.
         ranks: processes among which the texels of the cluster are divided.
         importance: weights of the n texels, `[n]`; None: 1.
@@ -119,7 +121,7 @@ def cluster_products(
         overlap = _overlap(points, ranks.sum(weighted.sum(0)) / count, mean_energy.sum())
     mean_atoms = mean.to(atoms).T  # [D, C]
     return Products(
-        gram=atoms @ atoms.T,
+        gram=atoms @ atoms.T if gram is None else gram,
         correlation=correlation,
         energy=energy,
         overlap=overlap,
