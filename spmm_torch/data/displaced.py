@@ -16,7 +16,7 @@ from torch import Tensor
 from ..geometry.directions import continued
 from ..geometry.relief import HeightField, texel_centres
 from .codes import Index, positions
-from .store import Store
+from .store import Store, channels_first
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class DisplacedStore:
 
     def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[n, C, D]`; see `Store.signals`."""
-        return self.texels(index, device).transpose(1, 2).contiguous()
+        return channels_first(self.texels(index, device))
 
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from .btf import BTF
 from .codes import Index
+from .store import channels_first
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class ListStore:
 
     def signals(self, index: Index, device: torch.device | str = "cpu") -> Tensor:
         """Values `[m, C, D]`; see `Store.signals`."""
-        return self.texels(index, device).transpose(1, 2).contiguous()
+        return channels_first(self.texels(index, device))
 
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[n, stop - start, C]`; see `Store.pairs`."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -50,6 +51,16 @@ class Store(Protocol):
         ...
 
 
+def channels_first(values: Tensor) -> Tensor:
+    """Values or codes `[n, D, B]` as `[n, B, D]`, contiguous.
+
+    On a CPU by NumPy, which takes a third of the time that PyTorch takes for few channels.
+    """
+    if values.device.type != "cpu":
+        return values.transpose(1, 2).contiguous()
+    return torch.from_numpy(np.ascontiguousarray(values.numpy().transpose(0, 2, 1)))
+
+
 @dataclass(frozen=True)
 class CodeStore:
     """Values that are stored as codes.
@@ -79,8 +90,8 @@ class CodeStore:
         """Values `[n, C, D]`; see `Store.signals`."""
         codes = self.codes.rows(index).to(device)
         if self.expand.elementwise:  # codes are smaller than values
-            return self.expand(codes.transpose(1, 2).contiguous())
-        return self.expand(codes).transpose(1, 2).contiguous()
+            return self.expand(channels_first(codes))
+        return channels_first(self.expand(codes))
 
     def pairs(self, start: int, stop: int) -> Tensor:
         """Values `[T, stop - start, C]`; see `Store.pairs`."""
