@@ -89,11 +89,13 @@ def sparse_nnls(
         same = (now == free).all(0) & (length == 1.0)
         share = _ratio((descent * (last - gradient)).sum(0), squared).clamp(min=0.0) * same
         step = descent + share * step
-        step = torch.where((step * gradient).sum(0) < 0.0, step, descent)
-        last, free, squared = gradient, now, -(descent * gradient).sum(0)
+        slope, steepest = (step * gradient).sum(0), (descent * gradient).sum(0)
+        falls = slope < 0.0
+        step, slope = torch.where(falls, step, descent), torch.where(falls, slope, steepest)
+        last, free, squared = gradient, now, -steepest
         along = times(step)
         # Back along the step: the gradient falls towards it.
-        reach = _ratio((step * gradient).sum(0), (step * along).sum(0)) * length * open_
+        reach = _ratio(slope, (step * along).sum(0)) * length * open_
         free_end = x - reach * step
         moved = free_end.clamp(min=0.0)
         bounded = None if x.is_cuda else (free_end < 0.0).any(0)
@@ -154,4 +156,4 @@ def _value(x: Tensor, gradient: Tensor, rhs: Tensor) -> Tensor:
 
 def _ratio(top: Tensor, bottom: Tensor) -> Tensor:
     """top / bottom `[C]`; 0 where bottom is not positive."""
-    return torch.where(bottom > 0.0, top / bottom.clamp(min=torch.finfo(bottom.dtype).tiny), 0.0)
+    return (bottom > 0.0) * (top / bottom.clamp(min=torch.finfo(bottom.dtype).tiny))

@@ -6,6 +6,7 @@ the surface point that the pixel sees.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import torch
@@ -43,7 +44,7 @@ class Lookups:
     width: int
     mixed: bool
     pixel: Tensor | None = None
-    _gathered: dict[tuple[int, int, bool], Tensor] = field(
+    _kept: dict[tuple[str, int, int, bool], Tensor] = field(
         default_factory=dict, repr=False, compare=False
     )
 
@@ -113,16 +114,14 @@ class Lookups:
     def drawn(self, run: slice, apart: bool = False) -> Tensor:
         """W_v of n consecutive views, one under the other, sparse CSR: from texels to pixels.
 
+        It is kept, as every step needs it.
+
         Args:
             run: the views.
             apart: whether each view has texels of its own, `[n T, n T]`; else all have the same,
                 `[n T, T]`.
         """
-        views, texels = run.stop - run.start, self.texel.shape[1]
-        pixels = views * texels
-        rows = torch.arange(0, 4 * pixels + 1, 4, dtype=torch.int32, device=self.texel.device)
-        column, weight = self._texels(run, apart).flatten(), self.weight[run].flatten()
-        return csr_matrix(rows, column, weight, (pixels, pixels if apart else texels))
+        return self._once("drawn", self._untransposed, run, apart)
 
     def gathered(self, run: slice, apart: bool = False) -> Tensor:
         """W_v^T of n consecutive views, side by side, sparse CSR: from pixels to texels.
@@ -134,12 +133,25 @@ class Lookups:
             apart: whether each view has texels of its own, `[n T, n T]`; else all have the same,
                 `[T, n T]`.
         """
-        # All views of a flat surface show the same.
+        return self._once("gathered", self._transposed, run, apart)
+
+    def _once(
+        self, name: str, made: Callable[[slice, bool], Tensor], run: slice, apart: bool
+    ) -> Tensor:
+        """A matrix of n views that is made once; all views of a flat surface show the same."""
         views = run.stop - run.start
-        key = (run.start if self.mixed else 0, views, apart and views > 1)
-        if key not in self._gathered:
-            self._gathered[key] = self._transposed(run, apart)
-        return self._gathered[key]
+        key = (name, run.start if self.mixed else 0, views, apart and views > 1)
+        if key not in self._kept:
+            self._kept[key] = made(run, apart)
+        return self._kept[key]
+
+    def _untransposed(self, run: slice, apart: bool) -> Tensor:
+        """`drawn`, made anew."""
+        views, texels = run.stop - run.start, self.texel.shape[1]
+        pixels = views * texels
+        rows = torch.arange(0, 4 * pixels + 1, 4, dtype=torch.int32, device=self.texel.device)
+        column, weight = self._texels(run, apart).flatten(), self.weight[run].flatten()
+        return csr_matrix(rows, column, weight, (pixels, pixels if apart else texels))
 
     def _transposed(self, run: slice, apart: bool) -> Tensor:
         """`gathered`, made anew."""
