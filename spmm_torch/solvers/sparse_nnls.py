@@ -70,7 +70,7 @@ def sparse_nnls(
 
     def times(vector: Tensor) -> Tensor:
         product = gram @ vector
-        return product if ridge is None else product + ridge[:, None] * vector
+        return product if ridge is None else torch.addcmul(product, ridge[:, None], vector)
 
     inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]  # [N, 1]
     downhill, conditions = -inverse, Conditions.of(rhs, inverse)
@@ -151,7 +151,7 @@ class Conditions:
 
 def _value(x: Tensor, gradient: Tensor, rhs: Tensor) -> Tensor:
     """Twice 1/2 x^T G x - b^T x, `[C]` float64, given `gradient` G x - b."""
-    return (x.double() * (gradient - rhs).double()).sum(0)
+    return (x.double() * (gradient - rhs)).sum(0)
 
 
 def _ratio(top: Tensor, bottom: Tensor) -> Tensor:

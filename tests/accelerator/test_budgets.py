@@ -12,8 +12,8 @@ from spmm_torch.fit import fit
 
 # A part of the sample asks for as much as all of it: nothing is done texel by texel.
 PART = Selection(crop=(0, 0, 16, 16))
-LAUNCHES = {"smoke": 16_700, "default": 41_400}
-WAITS = {"smoke": 330, "default": 420}
+LAUNCHES = {"smoke": 15_000, "default": 40_000}
+WAITS = {"smoke": 320, "default": 400}
 
 
 def asked(name: str, selection: Selection, tally: Tally) -> tuple[int, int]:

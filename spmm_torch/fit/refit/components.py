@@ -86,11 +86,11 @@ def coefficients(
             break
         along = seen(step, gram, lookups)
         reach = size / (step * along).sum().clamp(min=tiny)
-        found = found + reach * step
-        left = left - reach * along
+        found = torch.addcmul(found, reach, step)
+        left = torch.addcmul(left, reach, along, value=-1.0)
         scaled = left @ inverse
         before, size = size, (left * scaled).sum()
-        step = scaled + (size / before.clamp(min=tiny)) * step
+        step = torch.addcmul(scaled, size / before.clamp(min=tiny), step)
     return found
 
 
