@@ -26,10 +26,10 @@ from spmm_torch.data.scattered_btf import ScatteredBTF
 from spmm_torch.geometry.directions import direction_pairs
 from spmm_torch.metrics import snr_db
 from spmm_torch.model.spmm import SPMM
-from tests.locations import DATA
+from tests.locations import data_file
 from tests.planted.btfs import texel_btf
 
-MATERIALS = DATA / "rgl_brdfs.npz"
+MATERIALS = "rgl_brdfs.npz"
 GRIDS = (81, 151)
 FOUR_LOBES = FitConfig.from_dict({"select": {"max_lobes": 4}})
 # Polar angles of the view at which the white-sky reflectance is known, in degrees.
@@ -83,13 +83,13 @@ class Material:
 
 def material_names() -> list[str]:
     """Names of the seven materials."""
-    with np.load(MATERIALS) as file:
+    with np.load(data_file(MATERIALS)) as file:
         return [str(name) for name in file["names"]]
 
 
 def material(name: str, grid: int) -> Material:
     """One material, measured on a grid of so many directions."""
-    with np.load(MATERIALS) as file:
+    with np.load(data_file(MATERIALS)) as file:
         part = {key: torch.from_numpy(file[key]) for key in file.files if key != "names"}
     return Material(
         name,

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from spmm_torch import BTF, FitConfig
 from spmm_torch.geometry.directions import direction_pairs, ring_directions
-from tests.locations import DATA
+from tests.locations import data_file
 from tests.planted.btfs import texel_btf
 
 FOUR_LOBES = FitConfig.from_dict({"select": {"max_lobes": 4}})
@@ -20,7 +20,7 @@ NETWORK = ("w1", "b1", "w2", "b2", "w3", "b3")
 
 def measured_names() -> list[str]:
     """Names of the measured BRDFs."""
-    with np.load(DATA / "measured_brdfs.npz") as file:
+    with np.load(data_file("measured_brdfs.npz")) as file:
         return [str(name) for name in file["names"]]
 
 
@@ -33,7 +33,7 @@ def measured_brdf(name: str, directions: Tensor) -> Tensor:
 def network_values(name: str, inputs: Tensor) -> Tensor:
     """The measured BRDF `[D, 3]`, without a cosine, of what its network is fed with `[D, 6]`."""
     index = measured_names().index(name)
-    with np.load(DATA / "measured_brdfs.npz") as file:
+    with np.load(data_file("measured_brdfs.npz")) as file:
         layers = [torch.from_numpy(file[key][index]).to(inputs) for key in NETWORK]
     x = torch.relu(inputs @ layers[0] + layers[1])
     x = torch.relu(x @ layers[2] + layers[3])
@@ -68,7 +68,7 @@ def _network_inputs(wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
 
 def measured_means() -> Iterator[tuple[str, BTF]]:
     """Measured mean reflectances as BTFs of one texel on 151 x 151 directions."""
-    with np.load(DATA / "measured_mean_reflectance.npz") as file:
+    with np.load(data_file("measured_mean_reflectance.npz")) as file:
         directions = torch.from_numpy(file["direction"])
         for name in ("carpet07", "felt05"):
             values = torch.from_numpy(file[name]).flatten(0, 1)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from tests import glossy, locations, measured
 from tests.locations import ROOT
 
 TESTS = ROOT / "tests"
@@ -30,3 +32,21 @@ def test_the_docstring_names_the_command(path: Path) -> None:
 
 def test_nothing_else_prints_figures() -> None:
     assert {path for path in TESTS.rglob("*.py") if prints(path)} == set(SCRIPTS)
+
+
+@pytest.mark.parametrize(
+    ("read", "file"),
+    [
+        (glossy.material_names, "rgl_brdfs.npz"),
+        (lambda: glossy.material("chm_orange", 81), "rgl_brdfs.npz"),
+        (measured.measured_names, "measured_brdfs.npz"),
+        (lambda: next(measured.measured_means()), "measured_mean_reflectance.npz"),
+    ],
+)
+def test_missing_data_are_named(
+    read: Callable[[], object], file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Scripts ended in a traceback of NumPy."""
+    monkeypatch.setattr(locations, "DATA", tmp_path)
+    with pytest.raises(SystemExit, match=f"no {file} in .*SPMM_TEST_DATA"):
+        read()

@@ -12,11 +12,11 @@ import torch
 import torch.nn.functional as F
 
 from spmm_torch import SPMM, FitConfig, load_btf
+from spmm_torch.data import sample_path
 from spmm_torch.fit import fit
 from spmm_torch.geometry.directions import direction_from_angles
-from tests.locations import CONFIGS, DATA, ROOT
+from tests.locations import CONFIGS, data_file
 
-INPUTS = (ROOT / "spmm_torch" / "data" / "sample" / "WEAVE40.zip", DATA / "ROCKS64.zip")
 DEGREES = (0.0, 2.0, 5.0, 10.0, 15.0)
 # Polar angle of the light and azimuths of the paths of the view, in radians.
 LIGHT, AZIMUTHS = 0.5, (0.3, 2.4, 4.5)
@@ -51,7 +51,7 @@ def largest_jumps(model: SPMM) -> torch.Tensor:
 
 def main() -> None:
     """Prints a row for each material and width."""
-    for path in INPUTS:
+    for path in (sample_path(), data_file("ROCKS64.zip")):
         for degrees in DEGREES:
             config = FitConfig.from_yaml(CONFIGS / "fast.yaml")
             result = fit(
