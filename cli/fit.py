@@ -108,11 +108,29 @@ def run(options: argparse.Namespace) -> list[str]:
 
     if options.resume and is_finished(options.output):
         check_finished(options.output, options.input, config)
+        if Path(options.input).exists():  # else it was moved, as the run may have been
+            check_content(options, config)
         remove_leftovers(options.output)
     else:
         with outliving_terminal():
             fit_run(options, config, memory)
     return [str(Path(options.output) / REPORT_PAGE)] if speaks() else []
+
+
+def check_content(options: argparse.Namespace, config: FitConfig) -> None:
+    """Checks that a finished run was fit to what the input holds now.
+
+    Raises:
+        SPMMError: it was fit to something else, or the input cannot be read.
+    """
+    from spmm_torch.data import load_input
+    from spmm_torch.fit.weighting import given_weights
+    from spmm_torch.runs.fingerprint import fingerprint
+    from spmm_torch.runs.inputs import check_contents
+
+    btf = load_input(options.input, config.data, config.seed)
+    weights = given_weights(btf, config.weights)
+    check_contents(options.output, fingerprint(btf, config, weights))
 
 
 def memory_of(options: argparse.Namespace) -> int | None:
@@ -131,7 +149,7 @@ def fit_run(options: argparse.Namespace, config: FitConfig, memory: int | None) 
     from spmm_torch.fit import fit
     from spmm_torch.fit.weighting import given_weights
     from spmm_torch.report.summary import headline
-    from spmm_torch.runs.fingerprint import fingerprint, key_of
+    from spmm_torch.runs.fingerprint import contents_of, fingerprint, key_of
     from spmm_torch.runs.folder import LOG, STATE, new_run, unfinished, write_run
     from spmm_torch.runtime.context import Context
     from spmm_torch.runtime.device import local_device, resolve_device
@@ -165,8 +183,9 @@ def fit_run(options: argparse.Namespace, config: FitConfig, memory: int | None) 
             sections = []
             if (seen := result.looks) is not None:
                 sections = [opening_section(seen.likeness.spheres, seen.planes)]
-            write_run(folder, result.model, result.figures, config, btf, sections)
-            context.progress.say(headline(result.figures))
+            report = replace(result.figures, contents=contents_of(facts))
+            write_run(folder, result.model, report, config, btf, sections)
+            context.progress.say(headline(report))
 
 
 def config_of(options: argparse.Namespace) -> FitConfig:

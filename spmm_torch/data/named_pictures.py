@@ -1,4 +1,4 @@
-"""Pictures of a zip or folder that are named by their directions, and a word about the others."""
+"""Pictures of a zip or folder that are named by their directions."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ def list_pictures(path: Path, pattern: str | None = None) -> list[str]:
 def _named(files: Sequence[str], pattern: str | None) -> list[str]:
     """Names of the pictures among files that are named by their directions."""
     named = (name for name in files if parse_angles(name, pattern) is not None)
-    return shown([name for name in named if _is_picture(name)])
+    return shown([name for name in named if is_picture(name)])
 
 
-def _is_picture(name: str) -> bool:
+def is_picture(name: str) -> bool:
+    """Whether a file is a picture by its name."""
     return name.lower().endswith(SUFFIXES)
 
 
@@ -48,22 +49,9 @@ def find_grid(path: Path, files: Sequence[str], options: ReadOptions) -> Picture
     return arrange(names, path, parse, options.missing == "mask")
 
 
-def left_out_notes(
-    path: Path, files: Sequence[str], grid: PictureGrid, pattern: str | None = None
-) -> tuple[str, ...]:
-    """A line if files that are pictures, or named by directions, are not in the grid."""
-    taken = set(grid.files)
-    rest = [name for name in files if name not in taken]
-    lost = [name for name in rest if _is_picture(name) or parse_angles(name, pattern) is not None]
-    if not lost:
-        return ()
-    more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
-    return (f"note: no part of the BTF in {path}: {lost[0]!r}{more}",)
-
-
 def _nothing_named(path: Path, files: Sequence[str], pattern: str | None) -> DataError:
     """The error for a zip or folder without a picture whose name has directions."""
-    pictures = shown([name for name in files if _is_picture(name)])
+    pictures = shown([name for name in files if is_picture(name)])
     there = f"the first one is {pictures[0]!r}" if pictures else "it holds no pictures"
     wanted = EXPECTED if pattern is None else f"names like the pattern {pattern!r}"
     return DataError(

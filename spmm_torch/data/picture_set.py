@@ -23,7 +23,8 @@ from .cache import entry_key, file_hash
 from .codecs import DECODE_ERRORS, Codec, codec_of
 from .codecs.base import refuse_foreign
 from .directions import checked_directions
-from .named_pictures import EXPECTED, find_grid, left_out_notes, list_pictures
+from .left_out import left_out_notes
+from .named_pictures import EXPECTED, find_grid, list_pictures
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .picture_grid import PictureGrid, hole_notes, unit_vectors
 from .pictures import (
@@ -58,7 +59,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     source = Path(path)
     files = list_files(source)
     grid = find_grid(source, files, options)
-    notes = hole_notes(grid) + left_out_notes(source, files, grid, options.pattern)
+    notes = hole_notes(grid) + left_out_notes(source, files, grid.files, options.pattern)
     return PictureSet.of(source, grid, options).btf(str(path), material_name(source), notes)
 
 

@@ -143,10 +143,15 @@ def open_zip(path: Path) -> zipfile.ZipFile:
     try:
         return innermost_zip(path)
     except (*ZIP_ERRORS, OSError) as error:
-        raise DataError(
-            f"{path} cannot be opened ({error}); expected a complete zip or a folder; "
-            f"check that it is still there, or copy it again."
-        ) from error
+        raise _unopened(path, error) from error
+
+
+def _unopened(path: Path, error: Exception) -> DataError:
+    """The error for a zip that cannot be opened."""
+    return DataError(
+        f"{path} cannot be opened ({error}); expected a complete zip or a folder; "
+        f"check that it is still there, or copy it again."
+    )
 
 
 def innermost_zip(path: Path) -> zipfile.ZipFile:
@@ -179,6 +184,24 @@ def list_files(path: Path) -> list[str]:
     else:
         with open_zip(path) as handle:
             names = [name for name, _ in _members(handle)]
+    return sorted(name for name in names if not _is_of_the_system(name))
+
+
+def beside_inner_zip(path: Path) -> list[str]:
+    """Sorted names of the files beside the zip that is most of a zip; none for anything else.
+
+    Raises:
+        DataError: the zip is damaged.
+    """
+    if not zipfile.is_zipfile(path):
+        return []
+    try:
+        with zipfile.ZipFile(path) as outer:
+            members = list(_members(outer))
+    except (*ZIP_ERRORS, OSError) as error:
+        raise _unopened(path, error) from error
+    inner = inner_member(members)
+    names = [] if inner is None else [name for name, _ in members if name != inner[0]]
     return sorted(name for name in names if not _is_of_the_system(name))
 
 

@@ -18,6 +18,7 @@ from ..runtime.foreign import absence, foreign_file
 from . import picture_set
 from .btf import BTF
 from .codecs import SUFFIXES
+from .left_out import PACKED, left_out_notes
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pictures import is_container, list_files, shown
 from .selection import Selection, select_part
@@ -32,11 +33,6 @@ NAMES = (
     "rti",
 )
 SAMPLE_NAME = "WEAVE40.zip"
-# Suffixes of files that are a BTF by themselves or hold one, and that a zip or folder may hold.
-PACKED = (
-    *(".zip", ".btf", ".npz", ".7z", ".rar"),
-    *(".tar", ".tgz", ".tbz2", ".txz", ".gz", ".bz2", ".xz", ".zst"),
-)
 
 
 class Reader(Protocol):
@@ -172,7 +168,9 @@ def _read(path: Path | str, options: ReadOptions) -> BTF:
     try:
         reader = _reader_of(source, options)
         if reader is None and source.is_dir() and (inner := _only_btf_in(source)) is not None:
-            return _read(inner, options)
+            btf = _read(source / inner, options)
+            notes = left_out_notes(source, list_files(source), [inner])
+            return replace(btf, notes=btf.notes + notes)
     except OSError as error:
         raise DataError(
             f"{path} cannot be read ({error}); {_expected()}; check its permissions."
@@ -193,8 +191,8 @@ def _reader_of(path: Path, options: ReadOptions) -> Reader | None:
     return None
 
 
-def _only_btf_in(folder: Path) -> Path | None:
-    """The one BTF that lies in a folder; None if there is none.
+def _only_btf_in(folder: Path) -> str | None:
+    """The name of the one BTF that lies in a folder; None if there is none.
 
     Raises:
         DataError: there are several.
@@ -209,7 +207,7 @@ def _only_btf_in(folder: Path) -> Path | None:
             f"{folder} holds {len(names)} BTFs, {names[0]!r} and {names[1]!r} among them; expected "
             f"one; give the path of one of them."
         )
-    return folder / names[0] if names else None
+    return names[0] if names else None
 
 
 def _expected() -> str:

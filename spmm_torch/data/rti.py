@@ -17,8 +17,8 @@ from torch import Tensor
 
 from ..errors import DataError
 from .btf import BTF
+from .left_out import left_out_notes
 from .light_list import Light, parse_intensities, parse_lights
-from .named_pictures import left_out_notes
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .picture_grid import PictureGrid
 from .picture_set import PictureSet
@@ -60,7 +60,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         tuple(_picture_names(source, name, lights, files)),
     )
     pictures = PictureSet.of(source, grid, options, _intensity(source, name, lights, files))
-    notes = (ONE_VIEW, *left_out_notes(source, files, grid))
+    notes = (ONE_VIEW, *left_out_notes(source, files, grid.files))
     return pictures.btf(str(path), material_name(given), notes)
 
 

@@ -180,6 +180,8 @@ class Report:
         device: its name.
         seed: of every random choice.
         versions: by package.
+        contents: hashes of the input, the weights of errors and the heights, as of a release; None
+            where no command has made the run.
         format: version of the format.
     """
 
@@ -213,6 +215,7 @@ class Report:
     device: str
     seed: int
     versions: dict[str, Any] = field(default_factory=dict)
+    contents: dict[str, Any] | None = None
     format: int = VERSION
 
     def to_dict(self) -> dict[str, Any]:

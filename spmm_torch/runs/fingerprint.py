@@ -63,6 +63,11 @@ def key_of(facts: dict[str, Any] | None) -> str:
     return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
+def contents_of(facts: dict[str, Any]) -> dict[str, Any]:
+    """What a finished run keeps of a fingerprint: the hashes of contents, and by which release."""
+    return {key: facts[key] for key in (*RELEASE, *CONTENTS)}
+
+
 def difference(before: dict[str, Any], now: dict[str, Any]) -> str:
     """In what two fingerprints differ, as the end of "the unfinished run of RUN has ..."."""
     key = next(key for key in {**before, **now} if before.get(key) != now.get(key))

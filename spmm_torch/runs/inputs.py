@@ -14,7 +14,7 @@ from ..errors import ConfigError, DataError, OutputError
 from ..report.contract import FILE_NAME as REPORT_FILE
 from ..runtime.names import path_of
 from ..runtime.tensor_file import MODEL_FILE
-from .fingerprint import differing_setting
+from .fingerprint import RELEASE, contents_of, difference, differing_setting
 from .folder import CONFIG
 
 # How earlier releases read: settings in `data` that their runs do not state, as they had none.
@@ -123,10 +123,35 @@ def check_finished(run: Path | str, source: Path | str, config: FitConfig) -> No
     if named is not None and Path(named).name != Path(source).absolute().name:
         found = f"the input {named}, not {source}"
     if found is not None:
-        raise ConfigError(
-            f"the finished run {run} has {found}; expected the same; choose another name, or "
-            f"remove it to fit anew."
-        )
+        raise _finished_otherwise(run, found)
+
+
+def check_contents(run: Path | str, facts: dict[str, Any]) -> None:
+    """Checks that the input of a finished run, and other files that it read, are as they were.
+
+    Runs of other releases, whose hashes may differ, and those made from Python are not checked.
+
+    Args:
+        run: the finished run.
+        facts: the fingerprint of the fit that a command asks for.
+
+    Raises:
+        ConfigError: the content of one of them is another.
+    """
+    now = contents_of(facts)
+    kept = read_report(run).get("contents")
+    if not isinstance(kept, dict) or any(kept.get(key) != now[key] for key in RELEASE):
+        return
+    if kept != now:
+        raise _finished_otherwise(run, difference(kept, now))
+
+
+def _finished_otherwise(run: Path | str, found: str) -> ConfigError:
+    """The error for a finished run that is not the one that a command asks for."""
+    return ConfigError(
+        f"the finished run {run} has {found}; expected the same; choose another name, or remove it "
+        f"to fit anew."
+    )
 
 
 def has_input(run: Path | str) -> bool:

@@ -25,6 +25,8 @@ from spmm_torch.runs import folder
 from spmm_torch.runtime.checkpoint import Checkpoint
 from spmm_torch.runtime.threads import cpu_threads
 from tests.locations import ROOT
+from tests.planted.btfs import rough_btf
+from tests.planted.runs import save
 
 DIRECTIONS = ring_directions(((0.0, 1), (40.0, 6), (70.0, 8)))
 SIDE, CLUSTERS = 6, 4
@@ -215,6 +217,26 @@ def test_a_finished_run_is_only_named(
     assert error.startswith(f"the finished run {run} has seed = 0, not 5; ")
     error = refused("fit", "another.npz", "-o", run, *OPTIONS, "--resume")
     assert error.startswith(f"the finished run {run} has the input {source}, not another.npz; ")
+
+
+def test_a_finished_run_of_other_values_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
+) -> None:
+    """As an unfinished one is; runs without hashes, or with those of other releases, are let be."""
+    source, run = save(rough_btf(), tmp_path / "a.npz"), tmp_path / "run"
+    command = ["fit", str(source), "-o", str(run), *OPTIONS, "--resume"]
+    assert main(command) == 0
+    save(rough_btf(seed=4), source)
+    error = refused(*command)
+    assert error.startswith(f"the finished run {run} has other content of the input")
+    with monkeypatch.context() as patch:
+        patch.setattr("spmm_torch.runs.fingerprint.__version__", "9.9.9")
+        assert main(command) == 0
+    report = json.loads((run / "report.json").read_text(encoding="utf-8"))
+    (run / "report.json").write_text(json.dumps(report | {"contents": None}), encoding="utf-8")
+    assert main(command) == 0
+    save(rough_btf(), source)
+    assert main(command) == 0
 
 
 def full_disk(*_: object) -> None:

@@ -165,6 +165,20 @@ def test_what_is_left_out_is_said(
     assert note in capsys.readouterr().err
 
 
+def test_a_btf_beside_the_one_that_is_read_is_said(tmp_path: Path, files: Files) -> None:
+    """Be it in a folder of pictures, beside a file, or in the outer zip."""
+    folder = write_folder(tmp_path / "a", files)
+    write_npz(tmp_path / "b.npz", load_btf(folder))
+    npz = (tmp_path / "b.npz").read_bytes()
+    inner = write_zip(tmp_path / "c.zip", files).read_bytes()
+    for path, lost in (
+        (write_folder(tmp_path / "d", [*files, ("other.npz", npz)]), "other.npz"),
+        (write_folder(tmp_path / "e", [("b.npz", npz), ("c.zip", inner[:99])]), "c.zip"),
+        (write_zip(tmp_path / "f.zip", [("c.zip", inner), ("small.zip", b"x")]), "small.zip"),
+    ):
+        assert load_btf(path).notes == (f"note: no part of the BTF in {path}: {lost!r}",)
+
+
 def test_a_file_that_is_listed_twice_is_one_file(tmp_path: Path) -> None:
     """Which Python's own reader takes for an attack [cpython issue 117779]."""
     files = make_files(np.full((3, 3, 4, 5, 3), 99, np.uint8))

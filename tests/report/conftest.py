@@ -104,5 +104,6 @@ def report() -> dict[str, Any]:
         "device": "cpu",
         "seed": 0,
         "versions": {"spmm_torch": "0.1.0", "torch": "2.13.0"},
+        "contents": {"version": "0.1.0", "state": 3, "input": "00", "weights": None},
         "format": 1,
     }

@@ -25,6 +25,7 @@ from ...geometry.directions import (
 )
 from ..arrays import opener_in_memory
 from ..btf import BTF
+from ..left_out import left_out_notes
 from ..options import DEFAULT_OPTIONS, ReadOptions
 from ..pictures import is_container, list_files, material_name, open_archive
 from ..store import Loading, Part, Store
@@ -61,10 +62,12 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     Raises:
         DataError: a table is damaged, where it has to be read.
     """
-    tables = Tables.scan(Path(path), ring_directions(RINGS[options.rings]))
+    source = Path(path)
+    tables = Tables.scan(source, ring_directions(RINGS[options.rings]))
+    beside = list_files(source) if is_container(source) else []
     missing = tables.missing() if options.missing == "mask" else None
     return BTF(
-        name=material_name(Path(path)),
+        name=material_name(source),
         path=str(path),
         height=1,
         width=len(tables.files),
@@ -75,6 +78,7 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
         hdr=None,
         missing=missing,
         names=tables.names,
+        notes=left_out_notes(source, beside, tables.files),
     )
 
 

@@ -52,9 +52,9 @@ def find_layer(headers: Sequence[dict[str, Any]]) -> Layer:
         if found:
             return _chosen(found)
     names = sorted(channel.name for header in headers for channel in header["channels"])
-    raise ValueError(
+    raise UnsuitableError(
         f"its channels are {', '.join(names) or 'none'}; expected R, G and B, or X, Y and Z, or Y "
-        f"alone"
+        f"alone: save its colour under these names"
     )
 
 

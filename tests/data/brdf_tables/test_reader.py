@@ -52,6 +52,14 @@ def test_a_folder_is_a_batch_of_named_texels(folder: Path) -> None:
     torch.testing.assert_close(btf.texels()[2], expected)
 
 
+def test_pictures_beside_tables_are_said_to_be_left_out(tmp_path: Path) -> None:
+    write(tmp_path / "steel.binary", merl_bytes(grey(0.3)))
+    write(tmp_path / "wool" / "tl000 pl000 tv000 pv000.png", b"")
+    (note,) = load_btf(tmp_path).notes
+    assert note.endswith("'wool/tl000 pl000 tv000 pv000.png'")
+    assert load_btf(tmp_path / "steel.binary").notes == ()
+
+
 def test_a_part_decodes_its_own_files_only(folder: Path) -> None:
     write(folder / "z" / "broken.binary", b"too short")
     try:

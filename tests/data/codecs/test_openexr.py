@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from skimage.color import rgb2xyz
 
-from spmm_torch.data.codecs import openexr
+from spmm_torch.data.codecs import UnsuitableError, openexr
 from spmm_torch.data.codecs.openexr import decode, encode, read_size
 
 SIZES = st.tuples(st.integers(1, 40), st.integers(1, 40), st.just(3))
@@ -196,7 +196,7 @@ def test_channels_that_are_no_colour() -> None:
             r"channel R holds whole numbers \(UINT\)",
         ),
     ):
-        with pytest.raises(ValueError, match=message):
+        with pytest.raises(UnsuitableError, match=message):
             decode(library_bytes(channels))
 
 
