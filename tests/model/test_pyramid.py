@@ -86,7 +86,7 @@ def test_sides_that_are_none_are_refused(levels: list[SPMM], side: float) -> Non
     with pytest.raises(DataError, match=r"^footprint of query 2 is"):
         pyramid.sample(uv, wo, u, footprint)
     with pytest.raises(DataError, match=r"^wi of query 2 is"):
-        pyramid(uv, wi * torch.tensor([[1.0], [1.0], [2.0]]), wo, footprint.abs())
+        pyramid(uv, wi * torch.tensor([[1.0], [1.0], [2.0]]), wo, torch.tensor(0.1))
     with pytest.raises(DataError, match=r"footprint of \(2,\), .*; expected shapes that broadcast"):
         pyramid(uv, wi, wo, footprint[:2])
 
