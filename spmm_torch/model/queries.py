@@ -30,8 +30,8 @@ def check_queries(
         directions: by the name of the argument, `[..., 3]`.
 
     Raises:
-        DataError: a shape is another one, shapes do not broadcast, a number is NaN or infinite, a direction is not unit, u is
-            outside of 0 to 1, or a footprint is below 0.
+        DataError: a shape is another one, shapes do not broadcast, a number is NaN or infinite, a
+            direction is not unit, u is outside of 0 to 1, or a footprint is below 0.
     """
     side = None if footprint is None else footprint[..., None]
     pairs = (("uv", uv), ("u", u), ("footprint", side), *directions.items())
