@@ -16,7 +16,7 @@ from spmm_torch.errors import ConfigError, OutputError
 
 from .inputs import decode
 from .parser import Parser, add_output, file_name
-from .settings import add_settings, read_settings
+from .settings import add_settings, option_name, read_settings
 
 READING = ("gamma", "cosine", "negative", "pattern", "rings", "rows")
 
@@ -45,6 +45,7 @@ def run(options: argparse.Namespace) -> list[str]:
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target} exists; expected a new name; choose one or remove it.")
     writer = writer_for(options.output, options.format)
+    refuse_options_of_others(writer, options)
     settings = read_settings(writer.settings, options)
     btf = load_input(options.input, read_settings(DataConfig, options))
     decode(btf, progress)
@@ -59,6 +60,22 @@ def run(options: argparse.Namespace) -> list[str]:
     with progress.stage("write"):
         prepared.write(target)
     return [str(target)]
+
+
+def refuse_options_of_others(writer: Writer, options: argparse.Namespace) -> None:
+    """Refuses options that mean nothing to the format of the output.
+
+    Raises:
+        ConfigError: one was given that only another format has.
+    """
+    own = {*READING, *(item.name for item in fields(writer.settings))}
+    for other in WRITERS.values():
+        for item in fields(other.settings):
+            if item.name not in own and getattr(options, item.name) != item.default:
+                raise ConfigError(
+                    f"{option_name(item.name)} is an option of --format {other.name}, and OUT is "
+                    f"{writer.name}; expected options of that format; leave it out or change OUT."
+                )
 
 
 def writer_for(output: str, name: str | None) -> Writer:

@@ -130,7 +130,7 @@ def bare_decoding(bench: Bench) -> Timing | None:
 
             def decode(part: slice) -> None:
                 for payload in archive.read(files[part]):
-                    pictures.codec.decode(payload)
+                    pictures.form.codec.decode(payload)
 
             with ThreadPoolExecutor(bench.reading.thread_count) as pool:
                 for _ in pool.map(decode, slices(len(files), len(pictures.grid.light))):

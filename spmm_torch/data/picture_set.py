@@ -20,21 +20,13 @@ from torch import Tensor
 from ..errors import DataError
 from .btf import BTF
 from .cache import entry_key, file_hash
-from .codecs import DECODE_ERRORS, Codec, codec_of
-from .codecs.base import refuse_foreign
 from .directions import checked_directions
 from .left_out import left_out_notes
 from .named_pictures import EXPECTED, find_grid, list_pictures
 from .options import DEFAULT_OPTIONS, ReadOptions
+from .picture_form import PictureForm, WiderFloatsError
 from .picture_grid import PictureGrid, hole_notes, unit_vectors
-from .pictures import (
-    Archive,
-    is_container,
-    list_files,
-    material_name,
-    open_archive,
-    unreadable,
-)
+from .pictures import is_container, list_files, material_name, open_archive
 from .stated_colour import colour_notes
 from .store import Loading, Part, ScaledStore, Store
 from .transpose import Place, ViewSource, open_store
@@ -63,10 +55,6 @@ def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:
     return PictureSet.of(source, grid, options).btf(str(path), material_name(source), notes)
 
 
-class WiderFloatsError(Exception):
-    """A picture of single floats was met where the first one holds half floats."""
-
-
 @dataclass(frozen=True)
 class PictureSet:
     """All pictures of one BTF.
@@ -74,25 +62,18 @@ class PictureSet:
     Attributes:
         path: zip or folder.
         grid: directions and file names.
-        codec: codec of every picture.
-        size: (height, width) of every picture.
-        dtype, width: type and number of the code elements of a pixel.
+        form: of every picture.
         options: options of the reader.
         intensity: intensity of each light by channel, which values are divided by, `[L, 3]`; None:
             all lights are alike.
-        corner: column and row of the first pixel of every picture, in its frame.
         notes: lines about the first picture.
     """
 
     path: Path
     grid: PictureGrid
-    codec: Codec
-    size: tuple[int, int]
-    dtype: np.dtype
-    width: int
+    form: PictureForm
     options: ReadOptions
     intensity: Tensor | None = None
-    corner: tuple[int, int] = (0, 0)
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -127,16 +108,10 @@ class PictureSet:
         with open_archive(path) as archive:
             archive.check([name for name in grid.files if name is not None])
             (payload,) = archive.read([grid.first])
-        codec = codec_of(payload)
-        try:
-            first, corner = codec.decode(payload), _corner(codec, payload)
-        except DECODE_ERRORS as error:
-            raise unreadable(path, grid.first, error) from error
-        size = (first.shape[0], first.shape[1])
-        width, dtype = first.shape[2], first.dtype
-        linear = np.issubdtype(dtype, np.floating)
+        form = PictureForm.of(path, grid.first, payload)
+        linear = np.issubdtype(form.dtype, np.floating)
         notes = () if linear else colour_notes(payload, options.gamma)
-        return cls(path, grid, codec, size, dtype, width, options, intensity, corner, notes)
+        return cls(path, grid, form, options, intensity, notes)
 
     def btf(self, path: str, name: str, notes: tuple[str, ...] = ()) -> BTF:
         """The BTF of these pictures.
@@ -152,13 +127,13 @@ class PictureSet:
         return BTF(
             name=name,
             path=path,
-            height=self.size[0],
-            width=self.size[1],
+            height=self.form.size[0],
+            width=self.form.size[1],
             view=checked_directions(unit_vectors(self.grid.view), f"the set of views in {path}"),
             light=checked_directions(unit_vectors(self.grid.light), f"the set of lights in {path}"),
             bytes_per_value=self.bytes_per_value,
             open_store=self.open_store,
-            hdr=None if self.codec.HDR or self.intensity is not None else False,
+            hdr=None if self.form.codec.HDR or self.intensity is not None else False,
             missing=self.grid.missing,
             notes=self.notes + notes,
             content=self.content,
@@ -167,7 +142,7 @@ class PictureSet:
     @property
     def bytes_per_value(self) -> float:
         """Bytes of a value in the source; RGBE stores three values in four bytes."""
-        return self.dtype.itemsize * self.width / CHANNELS
+        return self.form.dtype.itemsize * self.form.width / CHANNELS
 
     def content(self) -> object:
         """Names of all pictures with hashes or checksums of them, and intensities of the lights.
@@ -189,20 +164,21 @@ class PictureSet:
         try:
             return self._open_store(part, loading)
         except WiderFloatsError:  # the first picture holds half floats, a later one does not
-            return replace(self, dtype=np.dtype(np.float32))._open_store(part, loading)
+            wider = replace(self.form, dtype=np.dtype(np.float32))
+            return replace(self, form=wider)._open_store(part, loading)
 
     def _open_store(self, part: Part, loading: Loading) -> Store:
         """Decodes a part of the pictures; a WiderFloatsError if a value may not fit its type."""
-        texels = self.size[0] * self.size[1] if part.texels is None else len(part.texels)
+        texels = self.form.size[0] * self.form.size[1] if part.texels is None else len(part.texels)
         files = self._files(part)  # [V', L'] names, None for missing ones
-        shape = (len(files), len(files[0]), texels, self.width)
+        shape = (len(files), len(files[0]), texels, self.form.width)
 
         def decode(views: Sequence[int], place: Place) -> None:
             threads = self.options.thread_count
             with open_archive(self.path) as archive, ThreadPoolExecutor(threads) as pool:
 
                 def decode_view(view: int) -> None:
-                    place(view, self._decode(archive, files[view], part))
+                    place(view, self.form.decode(archive, files[view], part.texels))
 
                 for _ in pool.map(decode_view, views):
                     pass  # raises the exception of a thread
@@ -212,12 +188,12 @@ class PictureSet:
             present = [name for name in chosen if name is not None]
             gaps = [place for place, name in enumerate(chosen) if name is None]
             kept = None if part.texels is None else part.texels.tolist()
-            facts = (*_fingerprint(self.path, present), shape, str(self.dtype), kept)
+            facts = (*_fingerprint(self.path, present), shape, str(self.form.dtype), kept)
             return entry_key((*facts, gaps) if gaps else facts)
 
-        columns = self.size[1] if part.texels is None else 0
-        expand = self.codec.expansion(self.options.gamma)
-        source = ViewSource(str(self.path), shape, self.dtype, expand, decode, key, columns)
+        columns = self.form.size[1] if part.texels is None else 0
+        expand = self.form.codec.expansion(self.options.gamma)
+        source = ViewSource(str(self.path), shape, self.form.dtype, expand, decode, key, columns)
         store = open_store(source, loading)
         if self.intensity is None:
             return store
@@ -230,67 +206,6 @@ class PictureSet:
         light_index = range(lights) if part.lights is None else part.lights.tolist()
         view_index = range(len(self.grid.view)) if part.views is None else part.views.tolist()
         return [[self.grid.files[v * lights + l] for l in light_index] for v in view_index]  # noqa: E741
-
-    def _decode(self, archive: Archive, names: Sequence[str | None], part: Part) -> np.ndarray:
-        """Codes `[L', T', B]` of the pictures of one view; missing pictures are black.
-
-        Raises:
-            DataError: a picture is damaged, or unlike the first one.
-        """
-        height, width = self.size
-        texels = None if part.texels is None else part.texels.numpy()
-        count = height * width if texels is None else len(texels)
-        codes = np.zeros((len(names), count, self.width), dtype=self.dtype)
-        present = {place: name for place, name in enumerate(names) if name is not None}
-        payloads = archive.read(list(present.values()))
-        for (place, name), payload in zip(present.items(), payloads, strict=True):
-            try:
-                picture = self._decode_one(payload, name)
-            except DECODE_ERRORS as error:
-                raise unreadable(self.path, name, error) from error
-            flat = picture.reshape(height * width, self.width)
-            codes[place] = flat if texels is None else flat[texels]
-        return codes
-
-    def _decode_one(self, payload: bytes, name: str) -> np.ndarray:
-        """Codes `[H, W, B]` of a picture that must be like the first one."""
-        codes = _codes(self.codec, payload)
-        if codes.shape[:2] != self.size:
-            raise DataError(
-                f"picture {name!r} in {self.path} is {codes.shape[1]} x {codes.shape[0]}; "
-                f"expected {self.size[1]} x {self.size[0]} like the first one; all pictures must "
-                f"be registered texel by texel: replace or rescale this one."
-            )
-        if (place := _corner(self.codec, payload)) != self.corner:
-            raise DataError(
-                f"picture {name!r} in {self.path} is the part of its frame from {place} on; "
-                f"expected that from {self.corner} on like the first one; write whole frames, or "
-                f"the same data window of all."
-            )
-        if (codes.dtype, codes.shape[2]) != (self.dtype, self.width):
-            if np.issubdtype(self.dtype, np.floating) and codes.dtype == np.float16:
-                return codes.astype(self.dtype)
-            if self.dtype == np.float16 and codes.dtype == np.float32:
-                raise WiderFloatsError
-            raise DataError(
-                f"picture {name!r} in {self.path} has values of {codes.dtype}; expected "
-                f"{self.dtype} like the first one; store all pictures alike."
-            )
-        return codes
-
-
-def _codes(codec: Codec, payload: bytes) -> np.ndarray:
-    """Codes `[H, W, B]` of a picture; a ValueError if it is of another codec."""
-    if not codec.accepts(payload):
-        refuse_foreign(payload)
-        raise ValueError(f"it is not stored like the first one, as {codec.TITLE}")
-    return codec.decode(payload)
-
-
-def _corner(codec: Codec, payload: bytes) -> tuple[int, int]:
-    """Column and row of the first pixel of a picture in its frame."""
-    tell = getattr(codec, "corner", None)
-    return (0, 0) if tell is None else tell(payload)
 
 
 def _fingerprint(path: Path, names: Sequence[str]) -> list[tuple[str, int | str]]:

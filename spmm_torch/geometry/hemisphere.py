@@ -98,8 +98,7 @@ class HemisphereInterpolation:
         """
         if not len(self.triangles):
             return self._nearest(w)
-        with torch.no_grad():
-            cell, margin = self._likeliest(w)
+        cell, margin = self._likeliest(w.detach())
         first, second, third = self._corner_weights(cell, self._barycentric(cell, w))
         total = first + second + third
         held = total > 0.0

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import ConfigError
 from .arrays import SMALLEST
 from .libraries import dr, mi
 
@@ -29,10 +30,19 @@ class Placement:
 
     @classmethod
     def of(cls, properties: Any) -> Placement:
-        """The transform that the properties of a plug-in have, or none."""
+        """The transform that the properties of a plug-in have, or none.
+
+        Raises:
+            ConfigError: it takes the texture to a line or a point.
+        """
         if "to_uv" not in properties:
             return cls(np.eye(2), np.zeros(2))
         matrix = np.array(properties["to_uv"].matrix, dtype=np.float64)
+        if not abs(np.linalg.det(matrix[:2, :2])) > 0.0:
+            raise ConfigError(
+                f"to_uv takes uv to {matrix[:2, :2].tolist()} times uv, which is no area; expected "
+                f"a matrix that has an inverse; check its scales."
+            )
         return cls(matrix[:2, :2], matrix[:2, 3])
 
     def uv(self, si: Any) -> Any:

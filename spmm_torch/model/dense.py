@@ -17,9 +17,11 @@ import torch
 from torch import Tensor
 from torch._C._functorch import maybe_current_level
 from torch._functorch.pyfunctorch import temporarily_clear_interpreter_stack
+from torch.autograd import forward_ad
 from torch.utils._python_dispatch import _disable_current_modes
 
 from ..brdf import REGISTRY
+from ..errors import DataError
 from ..geometry.directions import frame_from_normal, texel_at
 from ..geometry.relief import HeightField
 from ..lobes.batch import LobeBatch
@@ -92,8 +94,13 @@ class DenseTables:
 
 
 def traced() -> bool:
-    """Whether torch records or transforms what is computed: compile, export, vmap, grad, jvp."""
-    return torch.compiler.is_compiling() or maybe_current_level() is not None
+    """Whether torch records or transforms what is computed: compile, export, vmap, grad, jvp.
+
+    Forward-mode derivatives outside of `torch.func` count: lists have none either.
+    """
+    if torch.compiler.is_compiling():
+        return True
+    return maybe_current_level() is not None or forward_ad._current_level >= 0
 
 
 def taken_as_constant(function: Function) -> Function:
@@ -121,11 +128,30 @@ def on_lists(tensor: Tensor) -> bool:
     return compiled and tensor.is_cpu and not transformed()
 
 
+def refuse_transforms(name: str) -> None:
+    """Refuses a function that `torch.func` cannot follow, as it draws or sorts by values.
+
+    Args:
+        name: of the function.
+
+    Raises:
+        DataError: what is computed is transformed.
+    """
+    if transformed():
+        raise DataError(
+            f"{name} was called under vmap, grad, jacrev or jvp; expected a call outside of them, "
+            f"since it sorts by values; give it all queries at once, [..., 2] and [..., 3]."
+        )
+
+
 @contextmanager
 def untraced() -> Iterator[None]:
-    """Real tensors are computed with as if nothing was recorded or transformed."""
+    """Real tensors are computed with as if nothing was recorded or transformed.
+
+    They must be without gradients: `no_grad` would leave a trace that no exported file can hold.
+    """
     outside = temporarily_clear_interpreter_stack(), _disable_current_modes()
-    with outside[0], outside[1], torch.inference_mode(False), torch.no_grad():
+    with outside[0], outside[1], torch.inference_mode(False):
         yield
 
 

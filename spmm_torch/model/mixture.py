@@ -184,7 +184,9 @@ class Mixture(nn.Module):
             KeyError: a tensor or a key of the metadata is missing.
             ValueError: a BRDF is not known, or a height or width is not a number.
         """
-        return cls(**vars(file.from_tensors(tensors, metadata)))
+        # What was read in inference mode could have no gradients, and be no parameter here.
+        plain = {name: x.clone() if x.is_inference() else x for name, x in tensors.items()}
+        return cls(**vars(file.from_tensors(plain, metadata)))
 
     def byte_counts(self) -> dict[str, int]:
         """Stored bytes of weights, dictionary and residual, and of the whole file."""

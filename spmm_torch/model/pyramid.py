@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from ..errors import OutputError
 from ..geometry.shapes import broadcast_shape
 from .dense import traced
+from .queries import check_queries
 from .spmm import SPMM
 
 # Least area that is looked up, in texels of the finest level: smaller ones show the same.
@@ -81,8 +82,10 @@ class Pyramid(nn.Module):
             Linear RGB `[..., C]`, differentiable.
 
         Raises:
-            DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
+            DataError: a direction is not unit, a footprint is below 0, or a number is NaN; see
+                `SPMM.checks_queries` of the levels.
         """
+        self._check(uv=uv, wi=wi, wo=wo, footprint=footprint)
         parts = uv.shape[:-1], wi.shape[:-1], wo.shape[:-1], footprint.shape
         shape = broadcast_shape(*parts)
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
@@ -102,8 +105,10 @@ class Pyramid(nn.Module):
             uv, wi, wo, footprint: as in `forward`.
 
         Raises:
-            DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
+            DataError: a direction is not unit, a footprint is below 0, or a number is NaN; see
+                `SPMM.checks_queries` of the levels.
         """
+        self._check(uv=uv, wi=wi, wo=wo, footprint=footprint)
         parts = uv.shape[:-1], wi.shape[:-1], wo.shape[:-1], footprint.shape
         shape = broadcast_shape(*parts)
         uv, wi, wo = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wi, 3), (wo, 3)))
@@ -128,8 +133,10 @@ class Pyramid(nn.Module):
             (wi `[..., 3]`, the value of `forward` `[..., C]`, its density `[...]`; see `pdf`).
 
         Raises:
-            DataError: a direction is not unit, or a number is NaN; see `SPMM.checks_queries`.
+            DataError: a direction is not unit, a footprint is below 0, or a number is NaN; see
+                `SPMM.checks_queries` of the levels.
         """
+        self._check(uv=uv, wo=wo, u=u, footprint=footprint)
         parts = uv.shape[:-1], wo.shape[:-1], u.shape[:-1], footprint.shape
         shape = broadcast_shape(*parts)
         uv, wo, u = (x.expand(*shape, n).reshape(-1, n) for x, n in ((uv, 2), (wo, 3), (u, 3)))
@@ -165,6 +172,11 @@ class Pyramid(nn.Module):
         place = torch.log2(side).clamp(0.0, float(last))
         number = torch.arange(last + 1, device=place.device)
         return (1.0 - (place[..., None] - number).abs()).clamp(min=0.0)
+
+    def _check(self, **parts: Tensor) -> None:
+        """Checks what is asked, unless torch records or transforms, or a level is not to check."""
+        if not traced() and all(level.checks_queries for level in self._models()):
+            check_queries(**parts)
 
     def _models(self) -> list[SPMM]:
         """The levels, by their type."""

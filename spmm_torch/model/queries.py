@@ -15,23 +15,30 @@ CHECKED = (torch.float32, torch.float64)
 
 @torch.no_grad()
 def check_queries(
-    *, uv: Tensor | None = None, u: Tensor | None = None, **directions: Tensor
+    *,
+    uv: Tensor | None = None,
+    u: Tensor | None = None,
+    footprint: Tensor | None = None,
+    **directions: Tensor,
 ) -> None:
     """Refuses queries that no model can answer; one look at the device for all of them.
 
     Args:
         uv: texture coordinates `[..., 2]`.
         u: uniform numbers `[..., 3]`.
+        footprint: sides of areas, `[...]`.
         directions: by the name of the argument, `[..., 3]`.
 
     Raises:
-        DataError: a shape is another one, a number is NaN or infinite, a direction is not unit, or
-            u is outside of 0 to 1.
+        DataError: a shape is another one, shapes do not broadcast, a number is NaN or infinite, a
+            direction is not unit, u is outside of 0 to 1, or a footprint is below 0.
     """
-    pairs = (("uv", uv), ("u", u), *directions.items())
+    side = None if footprint is None else footprint[..., None]
+    pairs = (("uv", uv), ("u", u), ("footprint", side), *directions.items())
     named = {name: value for name, value in pairs if value is not None}
     for name, value in named.items():
         _check_shape(name, value)
+    _check_counts(named)
     given = {
         name: value for name, value in named.items() if value.dtype in CHECKED and value.numel()
     }
@@ -54,12 +61,13 @@ _UNIT = "a unit vector that points away from the surface", "divide it by its len
 _EXPECTED = {
     "uv": ("two finite numbers", "mend what computes them"),
     "u": ("three numbers from 0 to 1", "mend what draws them"),
+    "footprint": ("the side of an area, from 0", "mend what computes it"),
 }
 
 
 def _check_shape(name: str, value: Tensor) -> None:
     """Raises DataError if the last dimension has not the numbers of a query."""
-    count = 2 if name == "uv" else 3
+    count = {"uv": 2, "footprint": 1}.get(name, 3)
     if value.shape[-1:] != (count,):
         raise DataError(
             f"{name} has shape {tuple(value.shape)}; expected (..., {count}); bring the {count} "
@@ -67,10 +75,25 @@ def _check_shape(name: str, value: Tensor) -> None:
         )
 
 
+def _check_counts(named: dict[str, Tensor]) -> None:
+    """Raises DataError if parts `[..., n]` of queries, by their names, do not broadcast."""
+    shapes = {name: tuple(value.shape[:-1]) for name, value in named.items()}
+    try:
+        torch.broadcast_shapes(*shapes.values())
+    except RuntimeError as error:
+        found = ", ".join(f"{name} of {shape}" for name, shape in shapes.items())
+        raise DataError(
+            f"queries are {found}; expected shapes that broadcast to one; give each query its own, "
+            f"or one to all."
+        ) from error
+
+
 def _faults(name: str, value: Tensor) -> Tensor:
     """Which rows `[...]` of `value [..., n]` are not valid; NaN never is."""
     if name == "uv":
         return ~value.isfinite().all(-1)
+    if name == "footprint":
+        return ~(value >= 0.0).all(-1)
     if name == "u":
         return ~((value >= 0.0) & (value <= 1.0)).all(-1)
     squared = value.square().sum(-1)

@@ -189,8 +189,10 @@ class SPMM(Mixture):
             (wi `[..., 3]`, rgb = model(uv, wi, wo) `[..., C]`, pdf in 1/sr `[...]`).
 
         Raises:
-            DataError: a direction is not unit, or a number is NaN; see `checks_queries`.
+            DataError: a direction is not unit, or a number is NaN; see `checks_queries`. Or
+                `torch.func` transforms it.
         """
+        dense.refuse_transforms("sample")
         if self.checks_queries:
             check_queries(uv=uv, wo=wo, u=u)
         shape = broadcast_shape(uv.shape[:-1], wo.shape[:-1], u.shape[:-1])
@@ -212,8 +214,10 @@ class SPMM(Mixture):
             wi, wo: unit light and view directions `[..., 3]`.
 
         Raises:
-            DataError: a direction is not unit, or a number is NaN; see `checks_queries`.
+            DataError: a direction is not unit, or a number is NaN; see `checks_queries`. Or
+                `torch.func` transforms it.
         """
+        dense.refuse_transforms("pdf")
         if self.checks_queries:
             check_queries(uv=uv, wi=wi, wo=wo)
         shape = broadcast_shape(uv.shape[:-1], wi.shape[:-1], wo.shape[:-1])
@@ -290,6 +294,8 @@ class SPMM(Mixture):
     ) -> Tensor:
         """Values `[H, W, C]` at all texel centres under one wi `[3]` and wo `[3]`, row 0 on top.
 
+        Each lobe is evaluated once; where torch records or transforms, once a texel by `forward`.
+
         Args:
             wi, wo: unit vectors.
             residual: whether to add the residual.
@@ -299,9 +305,12 @@ class SPMM(Mixture):
         Raises:
             DataError: a direction is not unit, or a number is NaN; see `checks_queries`.
         """
+        if dense.traced():
+            centres = self._centres(wo, registered)
+            return self(centres, wi, wo, residual).view(self.height, self.width, -1)
         if self.checks_queries:
             check_queries(wi=wi, wo=wo)
-        measured, wo = wo, self.held_view(wo)
+        centres, wo = self._centres(wo, registered), self.held_view(wo)
         rho = self.dictionary.eval(wi[None, None], wo[None, None]).squeeze(1)  # [J]
         value = self.weight * rho[self.index, None]  # [N, C]
         texel = torch.repeat_interleave(self.lobe_count_per_texel())
@@ -309,12 +318,16 @@ class SPMM(Mixture):
         if residual:
             total = total + self._residual_picture(wi, wo)
         if self.relief is not None:
-            centres = texel_centres(self.height, self.width, wo)
-            if registered:
-                centres = centres + self.relief.drift_of(measured[None], self.view)
             texel, bilinear = self.texels_seen(centres, wo)
             total = (total[texel] * bilinear[..., None]).sum(dim=1)
         return total.view(self.height, self.width, -1)
+
+    def _centres(self, wo: Tensor, registered: bool) -> Tensor:
+        """uv `[T, 2]` of what a picture from wo `[3]` shows, row 0 on top; see `picture`."""
+        centres = texel_centres(self.height, self.width, wo)
+        if self.relief is None or not registered:
+            return centres
+        return centres + self.relief.drift_of(wo[None], self.view)
 
     def _residual_picture(self, wi: Tensor, wo: Tensor) -> Tensor:
         """The residual of all texels `[T, C]` under one wi `[3]` and wo `[3]`."""

@@ -86,7 +86,10 @@ def read(run: Path | str, device: torch.device | str) -> tuple[dict[str, Tensor]
             f"{path} has version {metadata.get('version')}; this program reads versions "
             f"{' and '.join(VERSIONS)}; fit it again with spmm fit."
         )
-    return tensors, metadata
+    # The library's empty tensors lie in a memory that they do not fill, which torch.export cannot
+    # save.
+    owned = {name: part if part.numel() else part.clone() for name, part in tensors.items()}
+    return owned, metadata
 
 
 def _opened(path: Path, device: torch.device | str) -> tuple[dict[str, Tensor], dict[str, str]]:

@@ -190,6 +190,8 @@ def refusals(tmp_path: Path) -> Iterator[tuple[list[str], str]]:
     yield [zipped, "-o", f"{out}/deeper/a.npz"], "cannot be written"
     yield [zipped, "-o", f"{out}/deeper/a"], "cannot be written"
     yield [zipped, "-o", f"{out}.zip", "--quality=0"], "quality is 0"
+    yield [zipped, "-o", f"{out}.npz", "--snr=30"], "--snr is an option of --format btf"
+    yield [zipped, "-o", f"{out}.btf", "--png"], "--png is an option of --format ubo2003"
     yield [zipped, "-o", f"{out}.zip", "--gamma=0"], "gamma is 0"
     yield [zipped, "-o", f"{out}.btf", "--components=0"], "components is 0"
     yield [floats, "-o", f"{out}.zip"], "expected 0 to 1, as 8 bits hold; write EXR or NPZ"

@@ -25,7 +25,7 @@ from spmm_torch.data.cache import (
     file_hash,
     source_content,
 )
-from spmm_torch.data.picture_set import PictureSet
+from spmm_torch.data.picture_form import PictureForm
 from spmm_torch.errors import OutputError
 from spmm_torch.geometry.directions import ring_directions
 from tests.planted.pictures import encode_png, random_codes, write_pictures
@@ -65,7 +65,7 @@ def no_decoding(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         raise AssertionError("a picture was decoded")
 
     with monkeypatch.context() as patch:
-        patch.setattr(PictureSet, "_decode", fail)
+        patch.setattr(PictureForm, "decode", fail)
         yield
 
 

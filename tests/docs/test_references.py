@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -133,6 +134,11 @@ def test_every_work_is_named() -> None:
         if not any(is_named(work, text) for text in TEXTS.values())
     ]
     assert unnamed == []
+
+
+def test_no_work_has_two_keys() -> None:
+    titles = Counter(plain(work.fields["title"]).casefold() for work in WORKS.values())
+    assert [title for title, count in titles.items() if count > 1] == []
 
 
 def test_every_work_says_where_it_appeared() -> None:

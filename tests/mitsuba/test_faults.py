@@ -32,6 +32,13 @@ def test_an_unknown_filter_is_refused(scalar: Any, tmp_path: Path) -> None:
         scalar.load_dict(plugin)
 
 
+def test_a_transform_without_an_area_is_refused(scalar: Any, tmp_path: Path) -> None:
+    run = model_folder(tmp_path / "run", planted_model(size=2, lobes_per_texel=1))
+    flat = scalar.ScalarTransform4f().scale([0.0, 1.0, 1.0])
+    with pytest.raises(RuntimeError, match=r"to_uv takes uv to .*expected a matrix that has an"):
+        scalar.load_dict({"type": "spmm", "filename": str(run), "to_uv": flat})
+
+
 def test_a_newer_format_is_refused(scalar: Any, tmp_path: Path) -> None:
     run = newer_run(tmp_path / "run")
     with pytest.raises(RuntimeError, match=r"has version 99; this program reads versions 1 and 2"):

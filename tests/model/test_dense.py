@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 import torch
 from torch import Tensor
-from torch.func import functional_call, jacfwd, jacrev, jvp, vmap
+from torch.autograd import forward_ad
+from torch.func import functional_call, hessian, jacfwd, jacrev, jvp, vmap
 
-from spmm_torch import SPMM
+from spmm_torch import SPMM, DataError
 from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.geometry.directions import MIRROR, direction_from_angles, ring_directions
 from spmm_torch.model import ragged
@@ -21,6 +23,7 @@ HEIGHT, WIDTH = 2, 3
 COUNTS = (0, 1, len(MODEL_NAMES), 2, 4, 3)
 LIGHT = ring_directions(((0.0, 1), (35.0, 6), (70.0, 10)))
 VIEW = ring_directions(((0.0, 1), (40.0, 7)))
+QUERIES = ("uv", "wi", "wo")
 # All on one side: a query on the other has no cell, and takes the nearest direction.
 ONE_SIDE = direction_from_angles(torch.tensor([0.3, 0.9, 1.1, 0.8]), torch.tensor([0.0, 0.4, 1, 2]))
 
@@ -192,11 +195,70 @@ def test_one_graph_serves_all_sizes_of_a_batch() -> None:
 def test_what_is_exported_takes_any_batch(build: Callable[[], SPMM]) -> None:
     model = build()
     batch = torch.export.Dim("batch")
-    sizes = {name: {0: batch} for name in ("uv", "wi", "wo")}
+    sizes = {name: {0: batch} for name in QUERIES}
     program = torch.export.export(model, queries(5), dynamic_shapes=sizes).module()
     for count in (5, 2, 30):
         given = queries(count)
         torch.testing.assert_close(program(*given), model(*given), rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.slow
+def test_a_program_of_a_saved_model_is_saved(tmp_path: Path) -> None:
+    """Without a residual of clusters, as fits are: its tensors are empty."""
+    made = uneven_model((1, 1), 1, LIGHT, VIEW, names=("lambertian",))
+    with_components(made).save(tmp_path / "model.safetensors")
+    model = SPMM.load(tmp_path)
+    batch = {0: torch.export.Dim("batch")}
+    given = tuple(part.float() for part in queries(5))
+    program = torch.export.export(model, given, dynamic_shapes=dict.fromkeys(QUERIES, batch))
+    torch.export.save(program, tmp_path / "model.pt2")
+    loaded = torch.export.load(tmp_path / "model.pt2").module()
+    given = tuple(part.float() for part in queries(30))
+    torch.testing.assert_close(loaded(*given), model(*given), rtol=1e-4, atol=1e-5)
+
+
+def test_forward_derivatives_without_functions() -> None:
+    model, (uv, wi, wo) = everything(), queries(5)
+    direction = torch.ones_like(wi)
+    expected = jvp(lambda wi: model(uv, wi, wo), (wi,), (direction,))[1]
+    with forward_ad.dual_level():
+        value = model(uv, forward_ad.make_dual(wi, direction), wo)
+        torch.testing.assert_close(forward_ad.unpack_dual(value).tangent, expected)
+
+
+def test_second_derivatives_by_padded_tables() -> None:
+    model, (uv, wi, wo) = everything(), queries(5)
+    wi.requires_grad_()
+    value = model(uv, wi, wo, padded=True).sum()
+    (slope,) = torch.autograd.grad(value, wi, create_graph=True)
+    (found,) = torch.autograd.grad(slope.sum(), wi)
+    curved = vmap(hessian(lambda uv, wi, wo: model(uv, wi, wo).sum(), argnums=1))
+    expected = curved(uv, wi.detach(), wo).sum(1)
+    torch.testing.assert_close(found, expected, rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("registered", [False, True])
+def test_pictures_are_transformed(model: SPMM, registered: bool) -> None:
+    _, wi, wo = queries(3)
+
+    def picture(wi: Tensor, wo: Tensor) -> Tensor:
+        return model.picture(wi, wo, registered=registered)
+
+    given = wi, torch.cat((wo[:2], model.view[:1].double()))
+    expected = torch.stack([picture(*pair) for pair in zip(*given, strict=True)])
+    torch.testing.assert_close(vmap(picture)(*given), expected, rtol=1e-5, atol=1e-7)
+    light = wi[0].clone().requires_grad_()
+    (slope,) = torch.autograd.grad(picture(light, wo[0]).sum(), light)
+    found = jacrev(lambda wi: picture(wi, wo[0]).sum())(light.detach())
+    torch.testing.assert_close(found, slope, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["sample", "pdf"])
+def test_what_sorts_by_values_refuses_transforms(name: str) -> None:
+    uv, wi, wo = queries(3)
+    given = (uv, wo, wi.abs()) if name == "sample" else (uv, wi, wo)
+    with pytest.raises(DataError, match=rf"^{name} was called under vmap, .*; give it all"):
+        vmap(getattr(build(), name))(*given)
 
 
 @pytest.mark.slow

@@ -30,16 +30,23 @@ def model() -> SPMM:
     return build()
 
 
-def given(count: int) -> dict[str, Tensor]:
+def given(count: int, grazes: bool) -> dict[str, Tensor]:
     uv = 0.9 * torch.rand(count, 2, generator=torch.Generator().manual_seed(4)).double()
     wi, wo = (random_directions(count, seed, max_theta=1.1) for seed in (5, 6))
+    if grazes:  # light, view, or both
+        low = torch.linspace(1.4, 1.55, count).double()
+        azimuth = 0.5 + torch.arange(count).double()  # 0 is a kink of the residual
+        low, across = (direction_from_angles(low, turn * azimuth) for turn in (1.0, 2.0))
+        third = torch.arange(count)[:, None] % 3
+        wi, wo = torch.where(third < 2, low, wi), torch.where(third > 0, across, wo)
     return {"uv": uv, "wi": wi, "wo": wo}
 
 
+@pytest.mark.parametrize("grazes", [False, True], ids=["steep", "grazing"])
 @pytest.mark.parametrize("padded", [False, True], ids=["ragged", "padded"])
 @pytest.mark.parametrize("name", [*PARAMETERS, *QUERIES])
-def test_against_differences(model: SPMM, name: str, padded: bool) -> None:
-    queries = given(5)
+def test_against_differences(model: SPMM, name: str, padded: bool, grazes: bool) -> None:
+    queries = given(6, grazes)
     values = {**queries, **{key: model.get_parameter(key).detach() for key in PARAMETERS}}
     point = values[name].clone().requires_grad_()
     model.checks_queries = False  # differences leave the sphere

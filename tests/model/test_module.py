@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import torch
@@ -121,6 +122,17 @@ def test_modes_of_the_program(model: SPMM, padded: bool) -> None:
         assert torch.equal(model(*given, padded=padded), expected)
     model(*given, padded=padded).sum().backward()  # nothing of the first call is in the way
     assert model.kappa.grad is not None
+
+
+def test_a_model_loaded_in_inference_mode(model: SPMM, tmp_path: Path) -> None:
+    model.save(tmp_path / "model.safetensors")
+    given = queries(20)
+    with torch.inference_mode():
+        loaded = SPMM.load(tmp_path)
+        torch.testing.assert_close(loaded(*given), SPMM.load(tmp_path)(*given, padded=True))
+        loaded.sample(given[0], given[2], torch.rand(20, 3))
+    loaded(*given).sum().backward()
+    assert loaded.kappa.grad is not None
 
 
 def test_lobes_are_frozen_or_trained(model: SPMM) -> None:

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from spmm_torch import SPMM, OutputError
+from spmm_torch import SPMM, DataError, OutputError
 from spmm_torch.geometry.warp import square_to_uniform_hemisphere
 from spmm_torch.model.pyramid import Pyramid
 from tests.planted.directions import random_directions
@@ -73,6 +73,22 @@ def test_shapes_gradients_and_nothing(levels: list[SPMM]) -> None:
     value.sum().backward()
     assert footprint.grad is not None and footprint.grad.abs().sum() > 0.0
     assert pyramid(uv[:0], wi[:0], wo[:0], torch.tensor(0.2)).shape == (0, 3)
+
+
+@pytest.mark.parametrize("side", [float("nan"), -0.1])
+def test_sides_that_are_none_are_refused(levels: list[SPMM], side: float) -> None:
+    pyramid, (uv, wi, wo) = Pyramid(levels), queries(3)
+    footprint = torch.tensor([0.1, 0.2, side])
+    u = torch.full((3, 3), 0.5)
+    for ask in (pyramid, pyramid.pdf):
+        with pytest.raises(DataError, match=r"^footprint of query 2 is \(.*from 0; mend"):
+            ask(uv, wi, wo, footprint)
+    with pytest.raises(DataError, match=r"^footprint of query 2 is"):
+        pyramid.sample(uv, wo, u, footprint)
+    with pytest.raises(DataError, match=r"^wi of query 2 is"):
+        pyramid(uv, wi * torch.tensor([[1.0], [1.0], [2.0]]), wo, torch.tensor(0.1))
+    with pytest.raises(DataError, match=r"footprint of \(2,\), .*; expected shapes that broadcast"):
+        pyramid(uv, wi, wo, footprint[:2])
 
 
 def test_round_trip(levels: list[SPMM], tmp_path: Path) -> None:

@@ -97,6 +97,14 @@ def test_no_queries(relief: Relief | None) -> None:
     assert model.pdf(none["uv"], none["wi"], none["wo"]).shape == (0,)
 
 
+@pytest.mark.parametrize(("call", "name"), [pair for pair in ASKED if pair[0] != "picture"])
+def test_numbers_of_queries_that_differ(model: SPMM, call: str, name: str) -> None:
+    given = queries()
+    given[name] = given[name][:3]
+    with pytest.raises(DataError, match=rf"^queries are .*{name} of \(3,\).*that broadcast to one"):
+        CALLS[call][0](model, given)
+
+
 @pytest.mark.parametrize(("call", "name"), ASKED)
 @pytest.mark.parametrize("count", [1, 4])
 def test_shapes_that_are_refused(model: SPMM, call: str, name: str, count: int) -> None:

@@ -1,6 +1,6 @@
 """A small neural BTF: a latent vector for each texel, and one network that decodes it.
 
-The plain form of neural textures [RJGW19, KMX21], without parallax.
+The plain form of neural textures [RJGW19, KMXHR21], without parallax.
 """
 
 from __future__ import annotations
