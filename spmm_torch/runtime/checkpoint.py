@@ -109,8 +109,8 @@ class Checkpoint:
 
         Raises:
             OutputError: the file is damaged.
-            ValueError: it is of another run or stage, holds other values than were written, or tells
-                no seconds.
+            ValueError: it is of another run or stage, holds other values than were written, or
+                tells no seconds.
         """
         path = None if self.folder is None else self.folder / f"{name}.safetensors"
         if path is None or not path.exists():
@@ -132,7 +132,7 @@ def content_hash(stage: str, tensors: dict[str, Tensor]) -> str:
     digest = hashlib.blake2b(stage.encode(), digest_size=16)
     for name, tensor in sorted(tensors.items()):
         digest.update(repr((name, str(tensor.dtype), tuple(tensor.shape))).encode())
-        digest.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy())
+        digest.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().data)
     return digest.hexdigest()
 
 
