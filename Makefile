@@ -42,7 +42,8 @@ demo: $(VENV)/installed
 	@mkdir -p $(dir $(RUN))
 	$(PY) -m spmm_torch.fit \
 	"$$($(PY) -c 'from spmm_torch.data import sample_path; print(sample_path())')" -o $(RUN)
-	@echo "The report lies in $(RUN)/report.html"
+	@echo "The report lies in $(RUN)/report.html, the command spmm in $(VENV)/bin;"
+	@echo "source $(VENV)/bin/activate puts it on the PATH"
 
 test: $(VENV)/installed-test
 	$(PYTEST) -m "not slow"

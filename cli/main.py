@@ -90,7 +90,7 @@ def main(arguments: list[str] | None = None) -> int:
         keep_freed_memory()
     warnings.filterwarnings("ignore", message=PILLOW_WARNING)
     given = sys.argv[1:] if arguments is None else arguments
-    with lasting_errors(), interruptible() as interrupted:
+    with lasting_errors(), plain_warnings(), interruptible() as interrupted:
         stopped = Command.stopped
         try:
             command = given[0] if given and given[0] in COMMANDS else None
@@ -131,6 +131,21 @@ def complain(text: str, code: int) -> int:
     """Says a sentence on standard error; gives the exit code."""
     print(text, file=sys.stderr, flush=True)
     return code
+
+
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Within the block under `with`, a warning is shown as one line, without a line of code."""
+
+    def in_one_line(message: Warning | str, *_: object) -> str:
+        return f"warning: {' '.join(str(message).split())}\n"
+
+    before = warnings.formatwarning
+    warnings.formatwarning = in_one_line
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from ..data.cache import file_hash
 from ..data.error_weights import Weights
 from ..errors import DataError
 
-STATE_VERSION = 3  # of the files of finished stages
+STATE_VERSION = 4  # of the files of finished stages
 # Keys that tell by which release a state was made, and those of contents, which are hashes.
 RELEASE = ("version", "state")
 CONTENTS = {

@@ -92,7 +92,7 @@ def _begin(
         _check_free(target)
         held.callback(_remove_empty, [parent for parent in target.parents if not parent.exists()])
         folder.mkdir(parents=True, exist_ok=True)
-        _hold(held, folder / LOCK, target, say)
+        _hold(held, folder, target, say)
         held.callback(_remove_worthless, folder)
         _check_free(target)  # the process that held the lock may have finished it
         if _has_state(folder):
@@ -111,13 +111,17 @@ def _check_free(target: Path) -> None:
         )
 
 
-def _hold(held: ExitStack, lock: Path, target: Path, say: Callable[[str], object]) -> None:
+def _hold(held: ExitStack, folder: Path, target: Path, say: Callable[[str], object]) -> None:
+    """Locks the folder; one that no process can lock is removed, if it holds nothing."""
     try:
-        held.enter_context(locked(lock, wait=False, say=say))
+        held.enter_context(locked(folder / LOCK, wait=False, say=say))
     except Timeout as error:
         raise OutputError(
             f"another process is making the run {target}; wait for it, or choose another name."
         ) from error
+    except OSError:
+        _remove_worthless(folder)
+        raise
 
 
 def _has_state(folder: Path) -> bool:

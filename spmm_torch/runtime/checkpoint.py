@@ -19,8 +19,8 @@ from .atomic import write_atomic
 from .ranks import ALONE, Ranks
 from .stopwatch import Stopwatch
 
-# Keys of the metadata: seconds by stage, as JSON, and what the result depends on.
-SECONDS, DEPENDS_ON = "seconds", "depends_on"
+# Keys of the metadata: seconds by stage, as JSON, what the result depends on, and a hash of it.
+SECONDS, DEPENDS_ON, CONTENT = "seconds", "depends_on", "content"
 # What a file raises that holds something else than its stage expects.
 MISFITS = (OutputError, KeyError, ValueError, TypeError, RuntimeError, IndexError)
 
@@ -96,16 +96,21 @@ class Checkpoint:
     def _keep(self, name: str, result: Stored, spent: dict[str, float]) -> None:
         if self.folder is None:
             return
-        facts = {SECONDS: json.dumps(spent), DEPENDS_ON: self.depends_on}
-        content = tensor_file.pack(result.to_tensors(), facts)
-        write_atomic(self.folder / f"{name}.safetensors", content)
+        tensors = result.to_tensors()
+        facts = {
+            SECONDS: json.dumps(spent),
+            DEPENDS_ON: self.depends_on,
+            CONTENT: content_hash(name, tensors),
+        }
+        write_atomic(self.folder / f"{name}.safetensors", tensor_file.pack(tensors, facts))
 
     def _read(self, name: str) -> tuple[dict[str, Tensor], dict[str, float]] | None:
         """Tensors and seconds that an earlier process kept; None if it kept none.
 
         Raises:
             OutputError: the file is damaged.
-            ValueError: it is of another run, or tells no seconds.
+            ValueError: it is of another run or stage, holds other values than were written, or
+                tells no seconds.
         """
         path = None if self.folder is None else self.folder / f"{name}.safetensors"
         if path is None or not path.exists():
@@ -113,8 +118,22 @@ class Checkpoint:
         tensors, metadata = tensor_file.read(path, "cpu")
         if metadata.get(DEPENDS_ON) != self.depends_on:
             raise ValueError("it was made of another input, or with other settings")
+        if metadata.get(CONTENT) != content_hash(name, tensors):
+            raise ValueError("it holds other values than were written")
         seconds = dict(json.loads(metadata.get(SECONDS, "")))
         return tensors, {stage: float(spent) for stage, spent in seconds.items()}
+
+
+def content_hash(stage: str, tensors: dict[str, Tensor]) -> str:
+    """The hash of a stage and its tensors `[...]`: names, types, shapes and values; in hexadecimal.
+
+    A crash of the machine may leave a file of the right size with blocks that were never written.
+    """
+    digest = hashlib.blake2b(stage.encode(), digest_size=16)
+    for name, tensor in sorted(tensors.items()):
+        digest.update(repr((name, str(tensor.dtype), tuple(tensor.shape))).encode())
+        digest.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().data)
+    return digest.hexdigest()
 
 
 def stage_generator(seed: int, stage: str) -> torch.Generator:

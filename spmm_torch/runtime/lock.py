@@ -36,7 +36,7 @@ def locked(
         if isinstance(error, OSError) and error.errno not in NO_LOCKS:
             raise
         say(
-            f"warning: {path.parent} lies on a file system without locks ({error}); going on "
+            f"{path.parent} lies on a file system without locks ({error}); going on "
             f"without: start no second process on the same files."
         )
         yield

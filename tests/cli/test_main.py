@@ -129,6 +129,27 @@ def test_a_file_that_the_system_refuses(
     )
 
 
+NO_LOCKS = """
+import errno, fcntl, sys
+def flock(*_):
+    raise OSError(errno.ENOLCK, "No locks available")
+fcntl.flock = flock
+from spmm_torch.cli.main import main
+sys.exit(main(["cache", "clear", "--cache", sys.argv[1]]))
+"""
+
+
+def test_a_warning_is_one_line(tmp_path: Path) -> None:
+    """As of a cache on a file system without locks; Python would show a line of code as well."""
+    (tmp_path / f"{'0' * 40}.json").write_text("{}")
+    shown = subprocess.run(
+        [sys.executable, "-c", NO_LOCKS, str(tmp_path)], capture_output=True, text=True, timeout=60
+    )
+    assert shown.returncode == 0
+    assert shown.stderr.startswith(f"warning: {tmp_path} lies on a file system without locks (")
+    assert shown.stderr.count("\n") == 1
+
+
 def test_bugs_are_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cache, "run", lambda options: 1 / 0)
     with pytest.raises(ZeroDivisionError):

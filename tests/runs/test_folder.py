@@ -200,7 +200,7 @@ def test_two_processes_do_not_make_one_run(tmp_path: Path, stages: int) -> None:
 def test_process_that_waited_for_a_finished_run_spares_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def finish_meanwhile(_held: ExitStack, _lock: Path, target: Path, _say: object) -> None:
+    def finish_meanwhile(_held: ExitStack, _folder: Path, target: Path, _say: object) -> None:
         target.mkdir()
         (target / "a").write_text("1")
 
@@ -312,3 +312,21 @@ def test_a_file_system_without_locks_stops_nothing(
         (folder / "a").write_text("1")
     assert names(tmp_path / "run") == ["a"]
     assert len(told) == 1 and "file system without locks" in told[0]
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_lock_that_fails_leaves_what_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begun: bool
+) -> None:
+    def flock(*_: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    part = stopped(tmp_path / "run") if begun else None
+    monkeypatch.setattr("fcntl.flock", flock)
+    with (
+        pytest.raises(OutputError, match="Input/output error"),
+        new_run(tmp_path / "run", THIS, resume=True),
+    ):
+        pytest.fail("the body must not run")
+    assert names(tmp_path) == ([] if part is None else [part.name])
+    assert part is None or names(part / STATE) == ["cluster.safetensors"]

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from spmm_torch.runtime.checkpoint import Checkpoint, stage_generator
+from spmm_torch.runtime.checkpoint import CONTENT, Checkpoint, content_hash, stage_generator
 from spmm_torch.runtime.stopwatch import Stopwatch
 from spmm_torch.runtime.tensor_file import pack
 
@@ -153,13 +153,34 @@ UNUSABLE: dict[str, tuple[dict[str, Tensor], dict[str, str]]] = {
 @pytest.mark.parametrize("case", UNUSABLE)
 def test_what_cannot_be_used_is_made_anew_with_one_line(tmp_path: Path, case: str) -> None:
     tensors, metadata = UNUSABLE[case]
-    (tmp_path / "a.safetensors").write_bytes(pack(tensors, {"depends_on": "", **metadata}))
+    facts = {"depends_on": "", CONTENT: content_hash("a", tensors), **metadata}
+    (tmp_path / "a.safetensors").write_bytes(pack(tensors, facts))
     told: list[str] = []
     made = Pair(torch.zeros(1), torch.zeros(1))
     for _ in range(2):
         kept = Checkpoint(Stopwatch(CPU), tmp_path, say=told.append)
         assert torch.equal(kept.once("a", Pair, lambda: made).first, made.first)
     assert len(told) == 1 and told[0].startswith("a: what an earlier process kept cannot be used")
+
+
+@pytest.mark.parametrize("case", ["a bit", "zeros", "another stage"])
+def test_a_whole_file_of_other_values_is_made_anew(tmp_path: Path, case: str) -> None:
+    """After a crash of the machine; the header of such a file says nothing of it."""
+    for name, value in (("a", 1.0), ("b", 2.0)):
+        made = Pair(torch.full((9,), value), torch.zeros(9))
+        checkpoint(tmp_path).once(name, Pair, lambda made=made: made)
+    path = tmp_path / "a.safetensors"
+    content = path.read_bytes()
+    if case == "another stage":
+        path.write_bytes((tmp_path / "b.safetensors").read_bytes())
+    else:
+        end = bytes(60) if case == "zeros" else bytes([content[-60] ^ 1]) + content[-59:]
+        path.write_bytes(content[:-60] + end)
+    told: list[str] = []
+    kept = Checkpoint(Stopwatch(CPU), tmp_path, say=told.append)
+    anew = Pair(torch.full((9,), 3.0), torch.zeros(9))
+    assert kept.once("a", Pair, lambda: anew) is anew
+    assert len(told) == 1 and "it holds other values than were written" in told[0]
 
 
 def test_a_stage_of_something_else_is_made_anew(tmp_path: Path) -> None:
