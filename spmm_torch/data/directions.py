@@ -46,6 +46,12 @@ def _units(directions: Tensor, where: str) -> Tensor:
     exact = directions.double()  # [N, 3]
     length = exact.norm(dim=-1)  # [N]
     _refuse(
+        ~(length.isfinite() & (length > 0.0)),
+        exact,
+        f"{where} holds a vector that is no direction",
+        "mend it, or leave it out together with its pictures",
+    )
+    _refuse(
         ~((length - 1.0).abs() <= UNIT_TOLERANCE),
         exact,
         f"{where} holds a direction that is not unit",

@@ -17,7 +17,7 @@ from ..model.components import Components
 from ..model.lookup import SparseWeights
 from ..model.residual import Residual
 from ..model.spmm import SPMM
-from ..model.stored_weights import rounded
+from ..model.stored_weights import are_within, rounded
 from ..report.contract import Ablation, ObjectiveFigures
 from ..solvers.status import StatusCounts
 from .glossy.objective import Objective
@@ -72,13 +72,15 @@ def joined(parts: Sequence[Solved], texels: Sequence[Tensor], btf: BTF) -> Solve
     for model in models:
         labels.append(model.labels + clusters)
         clusters += model.cluster_count
+    entries = _entries(models).of(order)
     exact = any(model.weight_type == torch.float32 for model in models)
-    kind = torch.float32 if exact else torch.int16  # scales of bytes differ from part to part
+    # Scales of bytes differ from part to part, and units of parts may be far from each other.
+    kind = torch.int16 if not exact and are_within(entries.weight, torch.int16) else torch.float32
     whole = SPMM(
         btf.height,
         btf.width,
         LobeBatch.cat([model.dictionary.detach() for model in models]),
-        rounded(_entries(models).of(order), kind),
+        rounded(entries, kind),
         torch.cat(labels)[order],
         _residual(models, btf),
         btf.light,

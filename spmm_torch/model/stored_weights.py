@@ -57,6 +57,12 @@ def encode_weights(weight: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
     return code.to(dtype), torch.stack((least, largest), dim=1).float()
 
 
+def are_within(weight: Tensor, dtype: torch.dtype) -> bool:
+    """Whether every weight of `[N, C]` but 0 is large enough for a place of its own."""
+    largest = weight.amax(0) if len(weight) else weight.sum(0)
+    return bool(((weight <= 0.0) | (weight >= LEAST_SHARE[dtype] * largest)).all())
+
+
 def decode_weights(code: Tensor, limits: Tensor, last: int | None = None) -> Tensor:
     """Weights `[N, C]` float32 of codes `[N, C]` and ranges `[C, 2]`.
 

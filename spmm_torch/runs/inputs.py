@@ -99,9 +99,13 @@ def run_settings(run: Path | str) -> FitConfig:
     if _named_input(run) is None and not path.is_file():
         return FitConfig()
     settings = FitConfig.from_yaml(path)
-    stated = read_yaml(path).get("data") or {}
-    earlier = {key: value for key, value in EARLIER_READING.items() if key not in stated}
-    return replace(settings, data=replace(settings.data, **earlier))
+    return replace(settings, data=replace(settings.data, **_earlier_reading(path)))
+
+
+def _earlier_reading(config: Path) -> dict[str, str]:
+    """How an earlier release read, as far as the settings file `config` does not state it."""
+    stated = read_yaml(config).get("data") or {}
+    return {key: value for key, value in EARLIER_READING.items() if key not in stated}
 
 
 def check_finished(run: Path | str, source: Path | str, config: FitConfig) -> None:
@@ -119,6 +123,9 @@ def check_finished(run: Path | str, source: Path | str, config: FitConfig) -> No
         named, settings = _named_input(run), run_settings(run)
     except (ConfigError, OutputError):  # of another release
         return
+    if Path(named or "").suffix.lower() != ".btf":  # no other format has rows that were read so
+        now = {key: getattr(config.data, key) for key in _earlier_reading(run_folder(run) / CONFIG)}
+        settings = replace(settings, data=replace(settings.data, **now))
     found = differing_setting(settings, config)
     if named is not None and Path(named).name != Path(source).absolute().name:
         found = f"the input {named}, not {source}"

@@ -138,8 +138,8 @@ BAD_DIRECTIONS = {
     "count": (VIEW[:1], "holds 1 directions .* expected 2"),
     "shape": (VIEW[:, :2], r"shape \[2, 2\]; expected \[N, 3\]"),
     "not unit": (VIEW * 1.01, "not unit: number 0"),
-    "zero": (VIEW * 0, "not unit: number 0"),
-    "nan": (VIEW * np.float32(np.nan), "not unit: number 0"),
+    "zero": (VIEW * 0, "no direction: number 0 .*; mend it"),
+    "nan": (VIEW * np.float32(np.nan), "no direction: number 0 .*; mend it"),
     "horizon": (VIEW * np.array([[1], [-1]]), r"under the horizon: number 1 \(from 0\)"),
     "doubled": (VIEW[[1, 1]], r"same direction twice, as numbers 0 and 1 \(from 0\)"),
 }

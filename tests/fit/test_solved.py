@@ -14,12 +14,14 @@ from spmm_torch import BTF, SPMM, FitConfig
 from spmm_torch.evaluate.sums import squared_errors
 from spmm_torch.fit import FitResult, fit
 from spmm_torch.fit.glossy.kinds import DIELECTRIC, GLOSSY, MATT, METAL, PLAIN, kinds
+from spmm_torch.fit.glossy.objective import Objective
 from spmm_torch.fit.glossy.peaks import DIELECTRIC as DIELECTRIC_F0
 from spmm_torch.fit.glossy.peaks import METAL as METAL_F0
-from spmm_torch.fit.solved import joined_components
+from spmm_torch.fit.solved import Solved, joined, joined_components
 from spmm_torch.geometry.directions import ring_directions
-from spmm_torch.metrics import snr_db
+from spmm_torch.metrics import Totals, snr_db
 from spmm_torch.model.components import encode_coefficients
+from spmm_torch.solvers.status import StatusCounts
 from tests.fit.glossy.test_objective import TWO_LOBES
 from tests.fit.glossy.test_peaks import GRID, WIDTH, lobe, samples
 from tests.planted.btfs import tabulated, texel_btf
@@ -108,6 +110,32 @@ def test_a_material_is_no_worse_than_alone() -> None:
     alone = fit(named(MATERIALS[0]), FitConfig.from_dict(QUICK), render=False).model
     least = min(60.0, texel_snr(alone, MATERIALS[0], 0) - 1.0)
     assert texel_snr(fitted().model, MATERIALS[0], 0) > least
+
+
+def part_of(seed: int, unit: float) -> Solved:
+    """A model of one texel whose weights are in a unit of their own, as the fit of a kind."""
+    model = planted_model(size=1, clusters=1, seed=seed)
+    with torch.no_grad():
+        model.weight.mul_(unit)
+    model.weight_type = torch.int16
+    none, one = torch.zeros(3, dtype=torch.long), Totals(1.0, 0.5, 0.5, 0.5)
+    return Solved(model, one, None, (Objective(),), none, StatusCounts.none(), torch.tensor([0]), 1)
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind"), [(1.0, torch.int16), (1e-4, torch.int16), (1e-12, torch.float32)]
+)
+def test_parts_in_units_far_apart_keep_their_weights(unit: float, kind: torch.dtype) -> None:
+    """One scale of two bytes holds nine decades: smaller weights became 0."""
+    parts = [part_of(1, 1.0), part_of(2, unit)]
+    places = [torch.tensor([0]), torch.tensor([1])]
+    whole = joined(parts, places, named(*MATERIALS[:2])).model
+    assert whole.weight_type == kind
+    for place, part in zip(places, parts, strict=True):
+        found, own = whole.sparse_weights.of(place), part.model.sparse_weights
+        torch.testing.assert_close(
+            found.weight.sort(0).values, own.weight.sort(0).values, rtol=1e-3, atol=0.0
+        )
 
 
 def test_components_of_several_formats_keep_their_values() -> None:

@@ -20,7 +20,7 @@ from spmm_torch.evaluate import open_source
 from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.model.spmm import SPMM
 from spmm_torch.render import BTFMaterial
-from spmm_torch.runs.inputs import has_input, own_input, read_input
+from spmm_torch.runs.inputs import check_finished, has_input, own_input, read_input
 from spmm_torch.viz.measured import measured_input, measured_samples
 from tests.data.test_picture_set import GRID, make_files, write_zip
 from tests.planted.models import planted_model
@@ -131,6 +131,23 @@ def test_runs_of_earlier_releases_read_their_btf_as_they_did(
         assert "  rows: bottom\n" in text
         (run / "config.yaml").write_text(text.replace("  rows: bottom\n", ""))
     assert same(read_input(run), btf)
+
+
+@pytest.mark.parametrize("name", ["a.zip", "a.btf"])
+def test_the_order_of_rows_is_that_of_a_btf_file_alone(tmp_path: Path, name: str) -> None:
+    """Runs of earlier releases state none, and `--resume` refused them for any format."""
+    run = model_folder(tmp_path / "run", planted_model())
+    text = FitConfig().to_yaml()
+    assert "  rows: top\n" in text
+    (run / "config.yaml").write_text(text.replace("  rows: top\n", ""))
+    (run / "report.json").write_text(json.dumps({"input": name}))
+    if name == "a.zip":
+        check_finished(run, name, FitConfig())
+        with pytest.raises(ConfigError, match=r"seed"):
+            check_finished(run, name, FitConfig(seed=5))
+    else:
+        with pytest.raises(ConfigError, match=r"rows = 'bottom', not 'top'"):
+            check_finished(run, name, FitConfig())
 
 
 def test_what_a_run_does_not_say(tmp_path: Path) -> None:

@@ -14,6 +14,8 @@ from ...errors import DataError
 from ...model.spmm import SPMM
 from ..selection import Selection, select_texels
 
+# Share by which white may exceed 1: a colour computed from others is rounded.
+ROUNDING = 1e-4
 # Weights of red, green and blue in a grey value [ITU-R BT.601].
 LUMA = np.array([0.299, 0.587, 0.114])
 
@@ -44,9 +46,9 @@ def picture_selection(model: SPMM, path: Path | str) -> Selection:
         ) from error
     grey = np.ptp(values, axis=-1) == 0.0
     mask = np.where(grey, values[..., 0], values @ LUMA)  # grey keeps its bits
-    if not (mask.min() >= 0.0 and mask.max() <= 1.0):  # also refuses NaN
+    if not (mask.min() >= 0.0 and mask.max() <= 1.0 + ROUNDING):  # also refuses NaN
         raise DataError(
             f"mask {path} has values from {mask.min():g} to {mask.max():g}; expected 0 to 1; "
             f"rescale it."
         )
-    return select_texels(model, torch.from_numpy(mask).to(model.weight))
+    return select_texels(model, torch.from_numpy(mask).to(model.weight).clamp(max=1.0))

@@ -71,6 +71,12 @@ def test_rectangle_outside(model: SPMM, place: tuple[int, int, int, int]) -> Non
         Rectangle(*place).mask(model)
 
 
+def test_white_of_a_computed_colour_is_white(model: SPMM, tmp_path: Path) -> None:
+    """White as X, Y, Z came back as 1.00001, and was refused."""
+    Image.fromarray(np.full((8, 8), 1.00001, np.float32)).save(tmp_path / "mask.tif")
+    assert bool((picture_selection(model, tmp_path / "mask.tif").texels == 1.0).all())
+
+
 def test_stripes(model: SPMM) -> None:
     hard = Stripes(count=2, share=0.5).mask(model)
     assert hard[0].tolist() == [0, 1, 1, 0, 0, 1, 1, 0]
