@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ..errors import DataError
+from ..geometry.shapes import broadcast_shape
 
 # Tolerance of the squared length of unit vectors: twice that of the length in files.
 SQUARED_TOLERANCE = 4e-3
@@ -79,7 +80,7 @@ def _check_counts(named: dict[str, Tensor]) -> None:
     """Raises DataError if parts `[..., n]` of queries, by their names, do not broadcast."""
     shapes = {name: tuple(value.shape[:-1]) for name, value in named.items()}
     try:
-        torch.broadcast_shapes(*shapes.values())
+        broadcast_shape(*shapes.values())
     except RuntimeError as error:
         found = ", ".join(f"{name} of {shape}" for name, shape in shapes.items())
         raise DataError(

@@ -96,7 +96,7 @@ class Checkpoint:
     def _keep(self, name: str, result: Stored, spent: dict[str, float]) -> None:
         if self.folder is None:
             return
-        tensors = result.to_tensors()
+        tensors = {name: part.detach().cpu() for name, part in result.to_tensors().items()}
         facts = {
             SECONDS: json.dumps(spent),
             DEPENDS_ON: self.depends_on,
@@ -127,12 +127,14 @@ class Checkpoint:
 def content_hash(stage: str, tensors: dict[str, Tensor]) -> str:
     """The hash of a stage and its tensors `[...]`: names, types, shapes and values; in hexadecimal.
 
+    They lie on the CPU, without gradients.
+
     A crash of the machine may leave a file of the right size with blocks that were never written.
     """
     digest = hashlib.blake2b(stage.encode(), digest_size=16)
     for name, tensor in sorted(tensors.items()):
         digest.update(repr((name, str(tensor.dtype), tuple(tensor.shape))).encode())
-        digest.update(tensor.detach().cpu().contiguous().reshape(-1).view(torch.uint8).numpy().data)
+        digest.update(tensor.contiguous().reshape(-1).view(torch.uint8).numpy().data)
     return digest.hexdigest()
 
 
