@@ -21,7 +21,7 @@ from .exact import ExactErrors, held
 from .joint import FEW_ROWS, CorrectiveSearch
 from .mixtures import Mixtures
 from .music import music_lobes
-from .stagewise import StagewiseSearch
+from .stagewise import PATH_UNITS, StagewiseSearch
 
 # Normals of the bank where the settings do not tell: few samples afford a finer bank.
 FINE_NORMALS, COARSE_NORMALS = 120, 64
@@ -33,7 +33,7 @@ EXACT_WIDTH = 0.5
 def search_steps(config: FitConfig, samples: int) -> int:
     """Progress units of the search on so many samples."""
     if config.search.method == "stagewise":
-        return samples
+        return samples * PATH_UNITS
     return samples * (config.search.max_lobes + config.search.exchanges)
 
 

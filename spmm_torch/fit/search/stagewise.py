@@ -32,6 +32,8 @@ LEARNING_RATE = 0.05
 LEAST_DENOMINATOR = 1e-12
 # Added to a squared norm, whose root then has a finite gradient.
 ROOT_RIDGE = 1e-12
+# Units of progress of one path.
+PATH_UNITS = 100
 # (lobe, pair) values that Eq. 5 holds at once with their gradients.
 CPU_VALUES, CUDA_VALUES = 1 << 22, 1 << 27
 
@@ -109,13 +111,17 @@ class StagewiseSearch:
         eta = self.stagewise.eta * self.signals.norm(dim=2)  # [S, C]
         path = self._start(samples, channels, width)
         path.running &= norm > 0.0
+        end, done = self.stagewise.lambda_min * norm, 0
+        first = torch.full_like(norm, torch.inf)  # penalty after the first step
         for _ in range(self.stagewise.max_steps):
-            before = int(path.running.sum())
-            if before == 0:
+            if not bool(path.running.any()):
                 break
-            self._iterate(path, eta, self.stagewise.lambda_min * norm)
-            advance(before - int(path.running.sum()))
-        advance(int(path.running.sum()))
+            self._iterate(path, eta, end)
+            first = torch.where(first.isinf(), path.penalty, first)
+            now = int((PATH_UNITS * _gone(path, first, end)).sum())
+            advance(max(now - done, 0))
+            done = max(now, done)
+        advance(PATH_UNITS * samples - done)
         none = torch.zeros_like(path.running)
         self.counts.add_problems(
             Solver.STAGEWISE_LASSO, worst_status(~path.running, none, ~norm.isfinite())
@@ -293,6 +299,17 @@ class _Correlation:
             value = -(rho * self.target).sum(1) / (norm * size)  # Eq. (5)
             (gradient,) = torch.autograd.grad(value.sum(), x)
         return value.detach(), gradient
+
+
+def _gone(path: _Path, first: Tensor, end: Tensor) -> Tensor:
+    """The share of their way to the last penalty that the paths have gone, `[S]`.
+
+    Args:
+        path: of the samples.
+        first, end: first and last penalty of each, `[S]`; the first is infinite before a step.
+    """
+    share = (first - path.penalty) / (first - end).clamp(min=LEAST_DENOMINATOR)
+    return torch.where(path.running, share.nan_to_num(0.0).clamp(0.0, 1.0), 1.0)
 
 
 def _probability(signals: Tensor) -> Tensor:

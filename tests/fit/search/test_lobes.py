@@ -12,7 +12,7 @@ from spmm_torch.data.error_weights import UNIFORM
 from spmm_torch.fit.cluster import Samples
 from spmm_torch.fit.dictionary import FoundLobes
 from spmm_torch.fit.problem import Problem
-from spmm_torch.fit.search.lobes import search_lobes
+from spmm_torch.fit.search.lobes import find_lobes, search_lobes, search_steps
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
@@ -38,8 +38,8 @@ SETTINGS: dict[str, Any] = {
 }
 
 
-def search(method: str, pairs: int = 32) -> FoundLobes:
-    """The lobes of two planted texels; Eq. 5 is maximized on `pairs` direction pairs."""
+def problem_of(method: str, pairs: int = 32) -> tuple[Problem, Samples]:
+    """Two planted texels; Eq. 5 is maximized on `pairs` direction pairs."""
     broad, sharp = Lobe("lambertian"), Lobe("blinn_phong", (60.0,), tilt=20.0)
     truths = [  # more lobes than the two that the search may use
         Planted((broad, sharp, Lobe("blinn_phong", (exponent,))), (WHITE, WHITE, WHITE))
@@ -49,8 +49,13 @@ def search(method: str, pairs: int = 32) -> FoundLobes:
     settings = {**SETTINGS, "search": {**SETTINGS["search"], "method": method, "pairs": pairs}}
     problem = Problem.build(btf, UNIFORM, FitConfig.from_dict(settings), Context.build("cpu"))
     samples = Samples(torch.arange(SAMPLES), torch.zeros(SAMPLES, dtype=torch.long))
-    with torch.no_grad():
-        return search_lobes(problem, samples)
+    return problem, samples
+
+
+@torch.no_grad()
+def search(method: str, pairs: int = 32) -> FoundLobes:
+    """The lobes of the texels of `problem_of`."""
+    return search_lobes(*problem_of(method, pairs))
 
 
 def totals(found: FoundLobes) -> dict[str, int]:
@@ -94,6 +99,18 @@ def test_no_pair_is_searched_twice_where_more_are_asked_for_than_there_are(
     assert set(widths) == {pair_count}
     assert torch.equal(exact.lobes.normal, more.lobes.normal)
     assert torch.equal(exact.lobes.kappa, more.lobes.kappa)
+
+
+@pytest.mark.parametrize("method", ["corrective", "stagewise"])
+def test_progress_goes_on_and_ends_at_the_number_of_steps(method: str) -> None:
+    """Paths of the stagewise search were counted at their ends alone, when nearly all was done."""
+    problem, samples = problem_of(method)
+    steps: list[int] = []
+    with torch.no_grad():
+        find_lobes(problem, samples, problem.context.generator("search"), steps.append)
+    assert sum(steps) == search_steps(problem.config, SAMPLES)
+    assert min(steps) >= 0
+    assert steps[0] + steps[1] > 0
 
 
 @pytest.mark.parametrize("method", ["corrective", "stagewise"])
