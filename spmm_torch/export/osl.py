@@ -30,8 +30,9 @@ from .closure_fit import ClosureLobes, fitted
 from .closures import KINDS
 from .target import Exported
 
-# Lobes of a texel. Cycles keeps 64 closures of a point, which sees four texels.
-MOST_SLOTS = 15
+# Cycles keeps 64 closures of a point, which sees four texels. One with a Fresnel term counts twice.
+MOST_CLOSURES = 64 // 4
+COST = torch.tensor([2 if kind.startswith("SCHLICK") else 1 for kind in KINDS])
 SHADER = "spmm.osl"
 FLAT, PLANE, HEIGHTS = 0, 1, 2
 # Squared error of a closure about the peak of its lobe that is worth a note: 20 dB.
@@ -113,7 +114,8 @@ class ClosureMaterial:
 
 def write(place: Path, model: SPMM, settings: Any, progress: Progress) -> Exported:
     """Writes the shader and its pictures; see `Target.write`."""
-    slots, found = slots_of(model), fitted(model.dictionary.detach().to("cpu"))
+    found = fitted(model.dictionary.detach().to("cpu"))
+    slots = slots_of(model, found)
     (place / SHADER).write_text(shader_text(model, slots), encoding="utf-8")
     write_picture(place / "entries.exr", entry_picture(model, slots))
     write_picture(place / "lobes.exr", lobe_picture(model, found))
@@ -122,8 +124,13 @@ def write(place: Path, model: SPMM, settings: Any, progress: Progress) -> Export
     return Exported(ClosureMaterial(model, slots, found), notes(model, slots, found))
 
 
-def slots_of(model: SPMM) -> Slots:
-    """The strongest lobes of each texel."""
+def slots_of(model: SPMM, found: ClosureLobes) -> Slots:
+    """The strongest lobes of each texel, as many as Cycles keeps.
+
+    Args:
+        model: T texels of J lobes.
+        found: closure of each lobe.
+    """
     count = model.lobe_count_per_texel().cpu()
     weight, index = model.weight.detach().float().cpu(), model.index.cpu()
     size = max(1, int(count.max()))
@@ -133,8 +140,11 @@ def slots_of(model: SPMM) -> Slots:
     weights = torch.zeros(*has.shape, weight.shape[1])
     weights[has] = weight
     order = weights.sum(-1).masked_fill(~has, -1.0).argsort(dim=1, descending=True)
-    order = order[:, :MOST_SLOTS]
     lobe, kept = lobe.gather(1, order), weights.gather(1, order[..., None].expand(-1, -1, 3))
+    cost = COST[found.kind][lobe.clamp(min=0)].cumsum(1)  # those without a lobe are last
+    has = (lobe >= 0) & (cost <= MOST_CLOSURES)
+    size = max(1, int(has.sum(1).max()))
+    lobe, kept = lobe.where(has, -1)[:, :size], kept.where(has[..., None], 0.0)[:, :size]
     total = float(weights.double().sum())
     lost = 1.0 - float(kept.double().sum()) / total if total > 0.0 else 0.0
     return Slots(lobe, kept, lost)
@@ -143,10 +153,11 @@ def slots_of(model: SPMM) -> Slots:
 def notes(model: SPMM, slots: Slots, found: ClosureLobes) -> tuple[str, ...]:
     """What the closures lose, one clause each."""
     clauses = []
-    if int(model.lobe_count_per_texel().max()) > MOST_SLOTS:
+    if int((slots.lobe >= 0).sum()) < len(model.index):
         clauses.append(
-            f"lobes of a texel beyond its {MOST_SLOTS} strongest, {100.0 * slots.lost:.2g} % of "
-            f"all weights; Cycles keeps 64 closures of a point, which sees four texels"
+            f"lobes of a texel beyond its strongest {MOST_CLOSURES}, those with a Fresnel term "
+            f"counted twice, {100.0 * slots.lost:.2g} % of all weights; Cycles keeps 64 closures "
+            f"of a point, which sees four texels"
         )
     uses = torch.bincount(model.index.cpu(), minlength=len(found.kind)).double()
     for index in torch.unique(model.lobe_model).tolist():

@@ -17,12 +17,13 @@ from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.export import TARGETS, NoSettings, closures
 from spmm_torch.export.closure_fit import fitted
 from spmm_torch.export.closures import KINDS
-from spmm_torch.export.osl import MOST_SLOTS, ClosureMaterial, slots_of, write
+from spmm_torch.export.osl import MOST_CLOSURES, ClosureMaterial, slots_of, write
 from spmm_torch.export.written import export
 from spmm_torch.geometry.directions import MIRROR, direction_from_angles, ring_directions
 from spmm_torch.geometry.warp import square_to_uniform_hemisphere
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.runtime.progress import Progress
+from tests.benchmarks.cycles_picture import both_pictures
 from tests.planted.models import planted_model, planted_relief, uneven_model, with_relief
 
 QUIET = Progress(enabled=False)
@@ -101,15 +102,24 @@ def test_pictures_hold_lobes_and_weights(tmp_path: Path) -> None:
     np.testing.assert_array_equal(pixels(tmp_path / "heights.exr")[..., 0], heights)
 
 
-def test_lobes_beyond_those_that_are_kept_are_named(tmp_path: Path) -> None:
-    model = planted_model(size=2, lobes_per_texel=MOST_SLOTS + 3, lobes_per_cluster=20)
-    slots = slots_of(model)
-    assert slots.lobe.shape == (4, MOST_SLOTS)
-    assert 0.0 < slots.lost < 0.2
+@pytest.mark.parametrize(("name", "most"), [("lambertian", 16), ("cook_torrance", 8)])
+def test_lobes_beyond_those_that_are_kept_are_named(tmp_path: Path, name: str, most: int) -> None:
+    model = planted_model(2, most + 3, lobes_per_cluster=20, names=(name,))
+    slots = slots_of(model, fitted(model.dictionary.detach()))
+    assert slots.lobe.shape == (4, most)
+    assert 0.0 < slots.lost < 0.3
     weights = model.weight.detach().view(4, -1, 3).sum(-1)
     assert float(slots.weight.sum(-1).min()) >= float(weights.sort(dim=1).values[:, 2].min())
     outcome = export(model, TARGETS["osl"], tmp_path / "x", NoSettings(), QUIET)
-    assert any(f"beyond its {MOST_SLOTS} strongest" in clause for clause in outcome.left_out)
+    assert any(f"its strongest {MOST_CLOSURES}" in clause for clause in outcome.left_out)
+
+
+def test_the_sum_of_closures_nests_to_the_right(tmp_path: Path) -> None:
+    """Cycles unfolds a sum from its left, and forgets what a stack of 16 does not hold."""
+    write(tmp_path, relief_model(), NoSettings(), QUIET)
+    text = (tmp_path / "spmm.osl").read_text(encoding="utf-8")
+    assert "BSDF +=" not in text
+    assert re.search(r"\+ BSDF;", text)
 
 
 def test_what_closures_cannot_hold_is_named(tmp_path: Path) -> None:
@@ -123,7 +133,8 @@ def test_what_closures_cannot_hold_is_named(tmp_path: Path) -> None:
 
 def test_a_lambertian_material_is_held() -> None:
     model = planted_model(size=3, names=("lambertian",))
-    material = ClosureMaterial(model, slots_of(model), fitted(model.dictionary.detach()))
+    found = fitted(model.dictionary.detach())
+    material = ClosureMaterial(model, slots_of(model, found), found)
     uv = torch.rand(50, 2, generator=torch.Generator().manual_seed(4))
     wi = direction_from_angles(torch.tensor(0.2), torch.tensor(1.0))
     wo = direction_from_angles(torch.tensor(0.5), torch.tensor(4.0))
@@ -157,3 +168,17 @@ def test_blender_compiles_the_shader(tmp_path: Path) -> None:
     cycles = pytest.importorskip("_cycles", reason="needs bpy with Cycles")
     write(tmp_path, relief_model(), NoSettings(), QUIET)
     assert cycles.osl_compile(str(tmp_path / "spmm.osl"), str(tmp_path / "spmm.oso"))
+
+
+@pytest.mark.parametrize(
+    ("names", "lobes"), [(("ward", "ashikhmin_shirley"), 16), (("cook_torrance",), 8)]
+)
+def test_blender_shows_all_closures(names: tuple[str, ...], lobes: int) -> None:
+    pytest.importorskip("bpy", reason="needs bpy, Blender as a module of Python")
+    model = planted_model(8, lobes, lobes_per_cluster=20, names=names)
+    wi, wo = (
+        direction_from_angles(torch.tensor(theta), torch.tensor(phi))
+        for theta, phi in ((0.5, 3.5), (0.4, 1.0))
+    )
+    found, expected = both_pictures(model, wi, wo)
+    assert float((found - expected).norm() / expected.norm()) < 0.002
