@@ -13,6 +13,8 @@ from .renderings import Renderings
 # Wang's window: a Gaussian of this deviation, 11 x 11 pixels [WBS*04 §III.B].
 SIGMA, WINDOW = 1.5, 11
 CHANNELS = ("y", "cr", "cb")
+# The codes of video, which scikit-image gives: the lowest, and the range of Y, Cb and Cr.
+LOWEST_CODE, CODES = 16.0, (219.0, 224.0, 224.0)
 
 Score = dict[str, float]
 
@@ -44,16 +46,17 @@ def mean_score(scores: Iterable[Score]) -> Score:
 
 def y_cr_cb(picture: Tensor) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Y, Cr and Cb, each `[H, W]` float64 in 0..1, of display values `[H, W, 3]`."""
-    # Imported here, since kornia takes half a second to load.
-    from kornia.color import rgb_to_ycbcr
+    # Imported here, since scikit-image is slow to load.
+    from skimage.color import rgb2ycbcr
 
-    y, cb, cr = rgb_to_ycbcr(picture.double().permute(2, 0, 1)).numpy()
+    codes = rgb2ycbcr(picture.double().numpy())
+    y, cb, cr = np.moveaxis((codes - LOWEST_CODE) / CODES, -1, 0)
     return y, cr, cb
 
 
 def ssim_map(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """The structural similarity `[H, W]` around each pixel of two planes in 0..1."""
-    # Imported here, since scikit-image is slow to load, too.
+    # Imported here, since scikit-image is slow to load.
     from skimage.metrics import structural_similarity
 
     found = structural_similarity(

@@ -49,8 +49,8 @@ def test_colours_are_those_of_bt601() -> None:
     shown = torch.tensor([[[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
     y, cr, cb = y_cr_cb(shown)
     np.testing.assert_allclose(y[0], [0.0, 1.0, 0.299, 0.114], atol=1e-6)
-    np.testing.assert_allclose(cr[0], [0.5, 0.5, 1.0, 0.419], atol=1e-3)
-    np.testing.assert_allclose(cb[0], [0.5, 0.5, 0.331, 1.0], atol=1e-3)
+    np.testing.assert_allclose(cr[0], [0.5, 0.5, 1.0, 0.5 - 0.114 / 1.402], atol=1e-5)
+    np.testing.assert_allclose(cb[0], [0.5, 0.5, 0.5 - 0.299 / 1.772, 1.0], atol=1e-5)
 
 
 def test_pixels_that_do_not_count_change_nothing() -> None:
