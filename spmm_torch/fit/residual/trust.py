@@ -26,8 +26,8 @@ LEAST_DISTANCE, LEAST_ENERGY = 1e-8, 1e-30
 def trust(functions: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """The share of the residual to keep at each pair, 0 to 1, `[V, L]`.
 
-    With the light, and then the view, left out, it is the share k of least squared error
-    ||k r - p||^2, where r is the residual and p what its neighbours foresee.
+    It is the share k of least squared error ||k r - p||^2 + ||k r - q||^2, where r is the residual
+    and p and q are what its neighbours foresee with the light, and with the view, left out.
 
     Args:
         functions: of the residual, `[V, R, L, C]`.
@@ -35,8 +35,8 @@ def trust(functions: Tensor, light: Tensor, view: Tensor) -> Tensor:
     """
     by_light, by_view = _foreseen(functions, light, 2), _foreseen(functions, view, 0)
     energy = functions.square().sum((1, 3)).clamp(min=LEAST_ENERGY)  # [V, L]
-    shares = [(told * functions).sum((1, 3)) / energy for told in (by_light, by_view)]
-    return torch.minimum(*shares).clamp(0.0, 1.0)
+    told = ((by_light + by_view) * functions).sum((1, 3))
+    return (0.5 * told / energy).clamp(0.0, 1.0)
 
 
 def _foreseen(functions: Tensor, directions: Tensor, axis: int) -> Tensor:
