@@ -8,7 +8,6 @@ picture against the closures as `spmm export` measures them.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 import tempfile
 from importlib import import_module
@@ -23,15 +22,21 @@ from torch import Tensor
 from spmm_torch import SPMM
 from spmm_torch.export.osl import write
 from spmm_torch.export.target import NoSettings
-from spmm_torch.geometry.directions import direction_from_angles
 from spmm_torch.runtime.progress import Progress
+from tests.benchmarks.slant_view import (
+    DISTANCE,
+    SIZE,
+    WIDTH,
+    add_model,
+    light_and_view,
+    model_of,
+    seen,
+    told,
+)
 
-SIZE, SAMPLES, DISTANCE = 96, 16, 3.0
-# Width of the picture: a plane of side 1 seen slantwise fills it.
-WIDTH = 0.6
+SAMPLES = 16
 # Width of the filter of a pixel: a point.
 POINT = 0.01
-LIGHT, VIEW = (30.0, 200.0), (25.0, 60.0)
 
 
 def closure_nodes(tree: Any, folder: Path) -> None:
@@ -110,14 +115,6 @@ def picture(folder: Path, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(np.array(channels[name].pixels[..., :3])), uv
 
 
-def seen(matrix: Tensor, wo: Tensor) -> Tensor:
-    """Where the middle of each pixel of a camera `[4, 4]` meets the plane, `[S, S, 2]`."""
-    step = ((torch.arange(SIZE) + 0.5) / SIZE - 0.5) * WIDTH
-    y, x = torch.meshgrid(-step, step, indexing="ij")
-    start = matrix[:3, 3] + x[..., None] * matrix[:3, 0] + y[..., None] * matrix[:3, 1]
-    return (start - (start[..., 2:] / wo[2]) * wo)[..., :2]
-
-
 @torch.no_grad()
 def both_pictures(model: SPMM, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
     """(the picture by Cycles, what the closures of the export say), `[S, S, 3]` each."""
@@ -130,15 +127,9 @@ def both_pictures(model: SPMM, wi: Tensor, wo: Tensor) -> tuple[Tensor, Tensor]:
 def main() -> None:
     """Prints the error."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("run", help="run folder or model file")
-    model = SPMM.load(parser.parse_args().run)
-    wi, wo = (
-        direction_from_angles(*(torch.tensor(math.radians(angle)) for angle in angles))
-        for angles in (LIGHT, VIEW)
-    )
-    found, expected = both_pictures(model, wi, wo)
-    error = float((found - expected).norm() / expected.norm())
-    print(f"Cycles against its closures: relative error {100.0 * error:.2f} %")
+    add_model(parser)
+    model = model_of(parser.parse_args())
+    print(told("Cycles against its closures", *both_pictures(model, *light_and_view())))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import re
-import shutil
 import time
 import zlib
 from collections.abc import Callable, Iterator
@@ -30,20 +29,10 @@ from spmm_torch.export.written import export
 from spmm_torch.geometry.directions import MIRROR, ring_directions
 from spmm_torch.model.relief import Relief
 from spmm_torch.runtime.progress import Progress
+from tests.browser import MISSING, WEBGL
+from tests.browser import browser as headless
 from tests.planted.models import planted_relief, uneven_model, with_components, with_relief
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-# Software draws WebGL where there is no graphics card; a small window keeps its pictures cheap.
-FLAGS = (
-    "headless=new",
-    "no-sandbox",
-    "disable-dev-shm-usage",
-    "use-gl=angle",
-    "use-angle=swiftshader",
-    "enable-unsafe-swiftshader",
-    "window-size=320,320",
-)
 PATIENCE = 120.0  # seconds for a page on a busy machine
 QUERIES = 10_000
 # Bytes of the page beside the model: scripts, shaders, styles.
@@ -142,19 +131,11 @@ def test_the_export_loses_nothing(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    webdriver = pytest.importorskip("selenium.webdriver", reason="needs selenium")
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("needs chromium and chromedriver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for flag in FLAGS:
-        options.add_argument(f"--{flag}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-    try:
+    pytest.importorskip("selenium", reason="needs selenium")
+    if MISSING:
+        pytest.skip(MISSING)
+    with headless(*WEBGL, "window-size=320,320") as driver:  # small pictures are cheap
         yield driver
-    finally:
-        driver.quit()
 
 
 def opened(browser: Any, name: str, folder: Path) -> None:

@@ -13,7 +13,8 @@ from spmm_torch import SPMM
 from spmm_torch.viz.html import save_html
 from spmm_torch.viz.maps import maps_scene
 from spmm_torch.viz.palette import PAGE
-from tests.viz.editor.test_browser import CHROMIUM, DRIVER, browser, until
+from tests.browser import MISSING, WEBGL, browser
+from tests.viz.editor.test_browser import until
 
 pytestmark = pytest.mark.slow
 # Pixels along each border of the window that must be bare, and how far a code may be from bare.
@@ -24,11 +25,10 @@ MARGIN, TOLERANCE = 4, 3
 def test_maps_are_seen_whole(model: SPMM, tmp_path: Path, size: str) -> None:
     for package in ("selenium", "pyvista", "trame_vtk"):
         pytest.importorskip(package)
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("needs chromium and chromedriver")
+    if MISSING:
+        pytest.skip(MISSING)
     save_html(maps_scene(model), tmp_path / "maps.html")
-    gl = ("use-gl=angle", "use-angle=swiftshader", "enable-unsafe-swiftshader")
-    with browser(f"window-size={size}", *gl) as driver:
+    with browser(f"window-size={size}", *WEBGL) as driver:
         driver.get((tmp_path / "maps.html").as_uri())
         (shown,) = until(lambda: drawn(driver.get_screenshot_as_png()))
     columns = np.flatnonzero(shown.any(0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -14,7 +14,7 @@ TINY = 1e-12  # keeps the direction of a short vector, and the gradient of its l
 
 @dataclass(frozen=True)
 class Local:
-    """Components of directions in the frames of texels, `[T, S]` each."""
+    """Components of directions in the frames of texels, `[T, S]` each or as broadcasts to it."""
 
     x: Tensor
     y: Tensor
@@ -50,13 +50,25 @@ class Angles:
             slope: x and y of the shading normals, `[T, 2]`.
             wi, wo: unit directions that all texels share, `[3, S]`, or one for each, `[T, 3, 1]`.
         """
-        frame = shading_frames(slope)
-        half = wi + wo
-        half = half / half.square().sum(-2, keepdim=True).clamp(min=TINY).sqrt()
+        frame, half = shading_frames(slope), half_vectors(wi, wo)
         i, o, h = (Local(*(frame @ w).unbind(1)) for w in (wi, wo, half))
         over = (i.z > 0.0) & (o.z > 0.0) & (wi[..., 2, :] > 0.0) & (wo[..., 2, :] > 0.0)
         cos_d = (wi * half).sum(-2).clamp(0.0, 1.0)
         return cls(i, o, h, cos_d, over.to(i.z.dtype))
+
+    def along_plane(self, wi: Tensor, wo: Tensor) -> Angles:
+        """The same directions, their x and y those in the plane of the texture; see `build`."""
+        i, o, h = (
+            replace(local, x=w[..., 0, :], y=w[..., 1, :])
+            for local, w in ((self.i, wi), (self.o, wo), (self.h, half_vectors(wi, wo)))
+        )
+        return replace(self, i=i, o=o, h=h)
+
+
+def half_vectors(wi: Tensor, wo: Tensor) -> Tensor:
+    """Unit half vectors, in the shape of wi and wo, `[..., 3, S]`."""
+    half = wi + wo
+    return half / half.square().sum(-2, keepdim=True).clamp(min=TINY).sqrt()
 
 
 def shading_frames(slope: Tensor) -> Tensor:

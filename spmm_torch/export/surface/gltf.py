@@ -52,7 +52,9 @@ class GLTFSurface:
     def eval(self, values: Values, wi: Tensor, wo: Tensor) -> Tensor:
         """Cosine-weighted RGB `[T, S, 3]`; see `Surface.eval`."""
         angles = Angles.build(values["normal"], wi, wo)
-        total = self._base(values, angles)
+        # Renderers of glTF stretch highlights along the tangent of the plane, not of the normal.
+        stretched = angles.along_plane(wi, wo) if "anisotropy" in values else angles
+        total = self._base(values, stretched)
         if "sheen_color" in values:
             total = _with_sheen(values, angles, total)
         if "clearcoat" in values:

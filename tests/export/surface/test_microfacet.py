@@ -14,7 +14,7 @@ from spmm_torch.brdf.ggx import GGX
 from spmm_torch.export.loss import random_queries
 from spmm_torch.export.surface import microfacet
 from spmm_torch.export.surface.angles import Angles, shading_frames
-from spmm_torch.export.surface.gltf import axis
+from spmm_torch.export.surface.gltf import GLTFSurface, axis
 from spmm_torch.export.surface.microfacet import (
     GGX_ALBEDO,
     SHEEN_ALBEDO,
@@ -129,3 +129,33 @@ def test_an_axis_has_two_forms() -> None:
     plain = torch.cat((torch.cos(angle), torch.sin(angle), strength), dim=1)
     for one, other in zip(axis(double), axis(plain), strict=True):
         torch.testing.assert_close(one, other)
+
+
+def test_gltf_stretches_highlights_along_the_plane() -> None:
+    """As three.js and Khronos' renderer do: T and B are of the plane, N of the normal map."""
+    _, wi, wo = (part.double().numpy() for part in random_queries(300))
+    n = np.array([0.3, -0.2, np.sqrt(1.0 - 0.13)])
+    t, b = np.array([0.8, 0.6, 0.0]), np.array([-0.6, 0.8, 0.0])
+    rough, strength = 0.5, 0.6
+    alpha = rough**2
+    along = alpha + (1.0 - alpha) * strength**2
+    h = (wi + wo) / np.linalg.norm(wi + wo, axis=1, keepdims=True)
+    lit = (wi @ n > 0.01) & (wo @ n > 0.01) & (wi[:, 2] > 0.0) & (wo[:, 2] > 0.0)
+    product = along * alpha
+    stretched = np.stack((alpha * (h @ t), along * (h @ b), product * (h @ n)), axis=1)
+    distribution = product / np.pi * (product / (stretched**2).sum(1)) ** 2
+    lengths = [
+        np.linalg.norm(np.stack((along * (w @ t), alpha * (w @ b), w @ n), axis=1), axis=1)
+        for w in (wi, wo)
+    ]
+    visible = 0.5 / ((wo @ n) * lengths[0] + (wi @ n) * lengths[1])
+    expected = distribution * visible * (wi @ n)
+    values = {
+        "base_color": torch.ones(1, 3),
+        "metallic": torch.ones(1, 1),
+        "roughness": torch.full((1, 1), rough),
+        "normal": torch.tensor(n[None, :2]).float(),
+        "anisotropy": torch.tensor([[0.8, 0.6, strength]]),
+    }
+    found = GLTFSurface().eval(values, *(torch.tensor(w.T).float() for w in (wi, wo)))[0, :, 0]
+    np.testing.assert_allclose(found.numpy()[lit], expected[lit], rtol=2e-3, atol=1e-5)

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import re
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +16,11 @@ import torch
 
 from spmm_torch import SPMM
 from spmm_torch.edit import Script
+from tests.browser import MISSING, browser
 
-CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
 CODE = "import sys; from spmm_torch.cli.main import main; sys.exit(main(sys.argv[1:]))"
 # A busy machine starts a browser slowly; nothing here waits longer than it must.
 PATIENCE = 60.0
-FLAGS = ("headless=new", "no-sandbox", "disable-dev-shm-usage")
 
 pytestmark = pytest.mark.slow
 
@@ -45,8 +41,8 @@ def address(run: Path, tmp_path: Path) -> Iterator[str]:
     """An editor on the run that would save as `run2`."""
     for package in ("selenium", "trame", "trame_vuetify"):
         pytest.importorskip(package)
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("needs chromium and chromedriver")
+    if MISSING:
+        pytest.skip(MISSING)
     options = ["--interactive", "--no-browser", "--size", "96", "-o", str(tmp_path / "run2")]
     process = subprocess.Popen(
         [sys.executable, "-c", CODE, "edit", str(run), *options],
@@ -73,22 +69,6 @@ def page(address: str) -> Iterator[Any]:
     with browser("disable-gpu", "window-size=1360,1040") as driver:
         until(lambda: _opened(driver, address))
         yield driver
-
-
-@contextmanager
-def browser(*flags: str) -> Iterator[Any]:
-    """A headless browser."""
-    from selenium import webdriver
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for flag in (*FLAGS, *flags):
-        options.add_argument(f"--{flag}")
-    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
-    try:
-        yield driver
-    finally:
-        driver.quit()
 
 
 def _opened(driver: Any, address: str) -> bool:
