@@ -23,7 +23,7 @@ from spmm_torch import SPMM
 from spmm_torch.export.osl import write
 from spmm_torch.export.target import NoSettings
 from spmm_torch.runtime.progress import Progress
-from tests.benchmarks.slant_view import (
+from tests.slant_view import (
     DISTANCE,
     SIZE,
     WIDTH,

@@ -22,7 +22,8 @@ from torch import Tensor
 from spmm_torch.export.gltf import write
 from spmm_torch.export.target import NoSettings
 from spmm_torch.runtime.progress import Progress
-from tests.benchmarks.slant_view import (
+from tests.browser import WEBGL, browser
+from tests.slant_view import (
     DISTANCE,
     SIZE,
     WIDTH,
@@ -32,7 +33,6 @@ from tests.benchmarks.slant_view import (
     seen,
     told,
 )
-from tests.browser import WEBGL, browser
 
 PAGE = Path(__file__).with_name("three_page.html")
 PATIENCE = 120.0  # seconds for a page on a busy machine

@@ -57,7 +57,11 @@ class Angles:
         return cls(i, o, h, cos_d, over.to(i.z.dtype))
 
     def along_plane(self, wi: Tensor, wo: Tensor) -> Angles:
-        """The same directions, their x and y those in the plane of the texture; see `build`."""
+        """The same directions, their x and y those in the plane of the texture.
+
+        Args:
+            wi, wo: see `build`, `[3, S]` or `[T, 3, 1]`.
+        """
         i, o, h = (
             replace(local, x=w[..., 0, :], y=w[..., 1, :])
             for local, w in ((self.i, wi), (self.o, wo), (self.h, half_vectors(wi, wo)))
