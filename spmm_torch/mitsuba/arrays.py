@@ -6,7 +6,7 @@ variant, arrays are plain ones of Dr.Jit and a read gives numbers of Python.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -22,6 +22,8 @@ SMALLEST = 2.0**-126
 MANTISSA, UNUSED_BITS = 24, 8
 # Odd factor by which two numbers that are equal differ in a hash: 2^32 over the golden ratio.
 MIXER = 0x9E3779B1
+# Bytes of the widest read, at whose multiples arrays begin.
+ALIGNMENT = 64
 # Bits that a whole number has.
 WORD = 0xFFFFFFFF
 
@@ -46,7 +48,7 @@ def half_array(values: np.ndarray) -> Any:
     """Numbers `[...]` as a flat array of halves; single floats in a scalar variant."""
     if not is_jit():
         return float_array(values)
-    return dr.float16_array_t(mi.Float)(np.ascontiguousarray(values, dtype=np.float16).ravel())
+    return dr.float16_array_t(mi.Float)(_flat(values, np.float16))
 
 
 def index_array(values: Tensor | np.ndarray) -> Any:
@@ -82,13 +84,9 @@ def row(source: Any, index: Any, count: int) -> list[Any]:
     return list(dr.gather(kind, source, index, shape=(count, dr.width(index))))
 
 
-def columns(source: Any, index: Any, count: int, chosen: Iterable[int]) -> list[Any]:
-    """Some columns of row `index` of a table of `count` numbers a row.
-
-    One by one: rays of one pixel read the same rows, which packets would only turn over.
-    """
-    first = count * index
-    return [one(source, first + column) for column in chosen]
+def power_of_two(count: int) -> int:
+    """The least power of two that is not below a count."""
+    return 1 << max(count - 1, 0).bit_length()
 
 
 def drawn(*numbers: Any) -> tuple[Any, Any]:
@@ -137,6 +135,15 @@ def _bits(x: Any) -> Any:
 
 
 def _flat(values: Tensor | np.ndarray, kind: type) -> np.ndarray:
+    """All numbers in aligned memory.
+
+    Dr.Jit keeps an array of NumPy where it is, and reads rows of unaligned memory number by number.
+    """
     if isinstance(values, torch.Tensor):
         values = values.detach().cpu().numpy()
-    return np.ascontiguousarray(values, dtype=kind).ravel()
+    size = values.size * np.dtype(kind).itemsize
+    memory = np.empty(size + ALIGNMENT, dtype=np.uint8)
+    first = -memory.ctypes.data % ALIGNMENT
+    flat = memory[first : first + size].view(kind)
+    flat[:] = values.ravel()
+    return flat

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..brdf import MAX_PARAMETERS
 from ..lobes.sampling import LOWEST_Z
-from .arrays import branch, columns, one
+from .arrays import branch, one, row
 from .brdf import Twin
 from .brdf.base import COS_EPS
 from .libraries import dr, mi
@@ -81,11 +81,11 @@ class Lobes:
 
     def of(self, index: Any) -> Lobe:
         """Lobe `index`."""
-        return Lobe.of_numbers(columns(self.table, index, LOBE, range(LOBE)))
+        return Lobe.of_numbers(row(self.table, index, LOBE))
 
     def sees(self, index: Any, wo: Any) -> Any:
         """Whether wo is above the horizons of lobe `index` and of the texel."""
-        normal = mi.Vector3f(*columns(self.table, index, LOBE, range(NORMAL, NORMAL + 3)))
+        normal = mi.Vector3f(*row(self.table, index, LOBE)[NORMAL:KAPPA])
         return (dr.dot(normal, wo) > 0.0) & (wo.z > 0.0)
 
     def sample(self, index: Any, wo: Any, u: Sequence[Any]) -> Any:

@@ -12,12 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..model.sampling import CODE_MAX
-from .arrays import loop, one, row
+from .arrays import loop, one, power_of_two, row
 from .brdf import Twin
 from .brdf.warp import cosine_pdf, square_to_cosine_hemisphere
 from .libraries import dr, mi
 from .lobe import Lobe, Lobes, density, raised
 
+# Channels of a row of weights: RGB and one that is not used, so that a row is read at once.
+CHANNELS = 4
 # A block of texels, and their weights.
 Place = tuple[Any, Sequence[Any]]
 
@@ -27,22 +29,25 @@ class Entries:
     """Lobes of the blocks, each once.
 
     Attributes:
-        start: first entry of each of G groups in each block, `[T * G + 1]`.
-        used: whether some block has entries of a group, `[G]`. Groups are the BRDFs in use, first
-            the entries that are not sampled and then those that are; or one, of all that are.
-        lobe: lobe of each entry, `[M]`.
-        codes: of its probability in the four texels, a byte each, `[M]`.
+        ends: first entry of each group in each block, and the one after the last of all, `[T, n]`
+            with n a power of two, the numbers beyond unused.
+        groups: numbers of the groups that some block has. Groups are the BRDFs in use, first the
+            entries that are not sampled and then those that are; or one, of all that are.
+        links: lobe of each entry, and codes of its probability in the four texels, a byte each,
+            `[M, 2]`.
     """
 
-    start: Any
-    used: tuple[bool, ...]
-    lobe: Any
-    codes: Any
+    ends: Any
+    groups: tuple[int, ...]
+    links: Any
 
-    def of(self, block: Any, group: int = 0) -> tuple[Any, Any]:
-        """(first entry of a group in a block, the one after its last)."""
-        first = block * len(self.used) + group
-        return one(self.start, first), one(self.start, first + 1)
+    def of(self, block: Any) -> list[tuple[int, Any, Any]]:
+        """(number, first entry, the one after the last) of each group in a block."""
+        if not self.groups:
+            return []
+        count = len(self.groups) + 1
+        ends = row(self.ends, block, power_of_two(count))[:count]
+        return list(zip(self.groups, ends, ends[1:], strict=False))
 
 
 @dataclass(frozen=True)
@@ -74,17 +79,16 @@ def evaluated(
 
     Args:
         lobes, entries: of the model, by BRDF.
-        numbers: weights of the entries, `[M, 3, n]`.
+        numbers: weights of the entries, `[M, CHANNELS, n]`.
         place: a block, and the weights of its texels.
         chances: of `sample` at this place.
         wi: light.
         wo: view.
     """
     totals = tuple(mi.Float(0.0) for _ in range(4))
-    corner = chances.corner
-    for group in range(len(entries.used)):
-        if entries.used[group]:
-            totals = _with_group(lobes, entries, numbers, group, totals, place, corner, wi, wo)
+    (block, weights), corner = place, chances.corner
+    for group in entries.of(block):
+        totals = _with_group(lobes, entries.links, numbers, group, totals, weights, corner, wi, wo)
     above = (wi.z > 0.0) & (wo.z > 0.0)
     density = dr.select(above, totals[3] + chances.cosine * cosine_pdf(dr.detach(wi)), 0.0)
     return dr.select(above, mi.Color3f(*totals[:3]), 0.0), density
@@ -92,11 +96,11 @@ def evaluated(
 
 def _with_group(
     lobes: Lobes,
-    entries: Entries,
+    links: Any,
     numbers: Any,
-    group: int,
+    group: tuple[int, Any, Any],
     totals: tuple[Any, ...],
-    place: Place,
+    weights: Sequence[Any],
     corner: tuple[Any, ...],
     wi: Any,
     wo: Any,
@@ -106,23 +110,22 @@ def _with_group(
     All that has gradients is part of the state of the loop, and sums are added after it: no loop
     may add to what has gradients before it.
     """
-    (block, weights), twin = place, lobes.twins[group // 2]
-    sampled = bool(corner) and group % 2 == 1
+    number, entry, end = group
+    twin, sampled = lobes.twins[number // 2], bool(corner) and number % 2 == 1
 
     def add(entry: Any, *state: Any) -> tuple[Any, ...]:
         total, wi, wo, weights = state[:4], state[4], state[5], state[6:]
-        lobe = lobes.of(one(entries.lobe, entry))
+        index, codes = row(links, entry, 2)
+        lobe = lobes.of(index)
         light, view = lobe.local(wi), lobe.local(wo)
         rho = lobes.rho(twin, lobe, wi, light, view)
         parts = [rho * alpha for alpha in _channels(numbers, entry, weights)]
         mass = 0.0
         if sampled:
-            codes = one(entries.codes, entry)
             mass = _density(twin, lobe, codes, corner, wi, light, wo, view)
         more = (t + part for t, part in zip(total, (*parts, mass), strict=True))
         return entry + 1, *more, wi, wo, *weights
 
-    entry, end = entries.of(block, group)
     lit = (wo.z > 0.0) & (wi.z > 0.0)
     apart = dr.grad_enabled(totals)
     before = tuple(mi.Float(0.0) for _ in totals) if apart else totals
@@ -158,10 +161,10 @@ def shares(lobes: Lobes, entries: Entries, group: Any, place: Place, wo: Any) ->
         place: a block, and the bilinear weights of its texels.
         wo: view.
     """
-    if not any(entries.used):
+    if not entries.groups:
         return Shares((), mi.Float(1.0))
     block, weights = place
-    entry, end = entries.of(block)
+    ((_, entry, end),) = entries.of(block)
 
     def add(entry: Any, *totals: Any) -> tuple[Any, ...]:
         codes = _seen_codes(lobes, entries, entry, wo, len(weights))
@@ -192,9 +195,9 @@ def sample(
         u: three numbers in [0, 1).
     """
     wi = square_to_cosine_hemisphere(u[1:])
-    if not any(entries.used):
+    if not entries.groups:
         return wi
-    entry, end = entries.of(block)
+    ((_, entry, end),) = entries.of(block)
 
     def passed(entry: Any, left: Any, mass: Any, found: Any) -> tuple[Any, ...]:
         codes = _seen_codes(lobes, entries, entry, wo, len(chances.corner))
@@ -206,14 +209,14 @@ def sample(
     go_on = lambda entry, left, mass, found: (found ^ True) & (entry < end)  # noqa: E731
     entry, left, mass, found = loop(start, go_on, passed)
     share = dr.minimum(left / mass, 1.0 - 2.0**-24)
-    chosen = one(entries.lobe, dr.select(found, entry, 0))
+    chosen, _ = row(entries.links, dr.select(found, entry, 0), 2)
     return dr.select(found, lobes.sample(chosen, wo, (share, *u[1:])), wi)
 
 
 def _seen_codes(lobes: Lobes, entries: Entries, entry: Any, wo: Any, texels: int) -> list[Any]:
     """The codes of an entry in the texels of a block; 0 where the lobe does not see the view wo."""
-    seen = lobes.sees(one(entries.lobe, entry), wo)
-    return _bytes(dr.select(seen, one(entries.codes, entry), 0), texels)
+    lobe, codes = row(entries.links, entry, 2)
+    return _bytes(dr.select(lobes.sees(lobe, wo), codes, 0), texels)
 
 
 def _bytes(word: Any, count: int) -> list[Any]:
@@ -224,8 +227,9 @@ def _bytes(word: Any, count: int) -> list[Any]:
 def _channels(numbers: Any, entry: Any, weights: Sequence[Any]) -> list[Any]:
     """RGB of an entry, by the weights of the texels of its block."""
     texels = len(weights)
-    rows = (row(numbers, 3 * entry + channel, texels) for channel in range(3))
-    return [_mixed(each, weights) for each in rows]
+    values = row(numbers, entry, CHANNELS * texels)
+    starts = range(0, 3 * texels, texels)
+    return [_mixed(values[start : start + texels], weights) for start in starts]
 
 
 def _mixed(numbers: Sequence[Any], weights: Sequence[Any]) -> Any:

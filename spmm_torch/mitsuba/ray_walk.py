@@ -5,12 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import torch
+
 from ..geometry.directions import REPEAT
 from ..geometry.ray_walk import SLOWEST, WINDOWS
 from ..geometry.relief import HeightField
+from . import arrays
 from .arrays import SMALLEST, float_array, loop, one
 from .libraries import dr, mi
 from .texels import remainder
+
+# Numbers of a row of `Walk.cells`.
+CELL = 8
 
 
 @dataclass(frozen=True)
@@ -29,13 +35,13 @@ class Walk:
 
     Attributes:
         field: heights over the texels.
-        height, top: of its `Cells`.
+        cells: heights of the four corners of each cell, its highest point, and three numbers that
+            are not used, `[N, CELL]`: one read a cell.
         windows: its windows, by side.
     """
 
     field: HeightField
-    height: Any
-    top: Any
+    cells: Any
     windows: dict[int, Any]
 
     @classmethod
@@ -43,7 +49,12 @@ class Walk:
         """The arrays of a field of heights."""
         cells = field.cells
         windows = {side: float_array(table) for side, table in cells.windows.items()}
-        return cls(field, float_array(cells.height), float_array(cells.top), windows)
+        right, below, across = (
+            cells.height.roll(-shift) for shift in (1, cells.stride, cells.stride + 1)
+        )
+        columns = torch.stack((cells.height, right, below, across, cells.top), dim=1)
+        rows = torch.nn.functional.pad(columns, (0, CELL - columns.shape[1]))
+        return cls(field, float_array(rows), windows)
 
     def hit(self, uv: Any, wo: Any) -> Any:
         """uv of the surface point that the view wo shows at uv of the plane; v runs up."""
@@ -126,8 +137,7 @@ class Walk:
         cells = self.field.cells
         cell = mi.UInt32(row * cells.stride + column)
         x0, y0 = ray.column - column, ray.row - row
-        shifts = (0, 1, cells.stride, cells.stride + 1)
-        a, b, c, d = (one(self.height, cell + shift) for shift in shifts)
+        a, b, c, d, top = arrays.row(self.cells, cell, CELL)[:5]
         right, below, twist = b - a, c - a, a - b - c + d
 
         def gap(t: Any) -> Any:
@@ -144,9 +154,7 @@ class Walk:
         inside = (root >= 0.0) & (share >= 0.0) & (share <= 1.0)
         share = dr.select(first >= 0.0, 0.0, dr.select(inside, share, 1.0))
         # A cell that is lower than the ray cannot be met; the least height is, for certain.
-        met = (inside | (first >= 0.0) | (last >= 0.0) | (leave <= cells.low)) & (
-            one(self.top, cell) >= leave
-        )
+        met = (inside | (first >= 0.0) | (last >= 0.0) | (leave <= cells.low)) & (top >= leave)
         return met, enter + share * fall
 
 

@@ -14,11 +14,11 @@ from ..model.components import Components
 from ..model.lookup import SparseWeights, TexelBlocks
 from ..model.sampling import CODE_MAX, SamplingData
 from ..model.spmm import SPMM
-from .arrays import float_array, index_array, joined, taken
+from .arrays import float_array, index_array, joined, power_of_two, taken
 from .brdf import TWINS, Twin
 from .libraries import dr
 from .lobe import KAPPA, LOBE
-from .mixture import Entries
+from .mixture import CHANNELS, Entries
 from .residual import BYTES, TOP_STEP, WIDTH, WORDS
 
 # What `Rows.place` has where a row holds no number.
@@ -65,7 +65,7 @@ class Merged:
 
     Attributes:
         lobe, block, kind: of each entry, `[M]`; kind is a place among `models_in_use`.
-        place: where its weights stand among those of the parameter, `[M, 3, n]`.
+        place: where its weights stand among those of the parameter, `[M, CHANNELS, n]`.
     """
 
     lobe: Tensor
@@ -80,6 +80,7 @@ class Merged:
         merged = blocks(corners, model.offset, model.index, torch.arange(1, entries + 1))
         entry = merged.weight[:, None, :, 0].long() - 1  # [M, 1, n]
         place = torch.where(entry >= 0, entry * channels + _channel(channels)[:, None], NONE)
+        place = torch.nn.functional.pad(place, (0, 0, 0, CHANNELS - 3), value=NONE)
         block = torch.repeat_interleave(merged.count)
         return cls(merged.lobe, block, kind_of_lobes(model)[merged.lobe], place)
 
@@ -106,13 +107,7 @@ def all_entries(merged: Merged, specular: TexelBlocks, kinds: int) -> tuple[Entr
     group = 2 * merged.kind + codes.any(dim=1)
     order = torch.argsort(merged.block * groups + group, stable=True)
     size = torch.bincount(merged.block * groups + group, minlength=specular.count.numel() * groups)
-    used = size.view(-1, groups).any(dim=0)
-    entries = Entries(
-        index_array(torch.cat((size.new_zeros(1), size.cumsum(0)))),
-        tuple(used.tolist()),
-        index_array(merged.lobe[order]),
-        _word(codes[order]),
-    )
+    entries = _entries(size.view(-1, groups), merged.lobe[order], codes[order])
     return entries, Rows.build(merged.place[order])
 
 
@@ -128,15 +123,13 @@ def specular_blocks(corners: Tensor, data: SamplingData) -> TexelBlocks:
 
 def specular_entries(specular: TexelBlocks) -> Entries:
     """The entries that are sampled, alone."""
-    start = torch.cat((specular.start.new_zeros(1), specular.count.cumsum(0)))
-    codes = _word(specular.weight[..., 0].long())
-    used = (len(specular.lobe) > 0,)
-    return Entries(index_array(start), used, index_array(specular.lobe), codes)
+    codes = specular.weight[..., 0].long()
+    return _entries(specular.count[:, None], specular.lobe, codes)
 
 
 def group_codes(corners: Tensor, data: SamplingData) -> Any:
     """Codes of the specular groups of the texels `[T, n]` of each block, a byte each of a word."""
-    return _word(data.group[corners].long())
+    return index_array(_word(data.group[corners].long()))
 
 
 def lobe_table(model: SPMM, parameters: dict[str, Any]) -> Any:
@@ -189,7 +182,7 @@ def cluster_rows(model: SPMM) -> Rows:
 
 def width_of(components: Components) -> int:
     """Components that are read at once: the next power of two, at most WIDTH."""
-    return min(WIDTH, 1 << max(2, (components.rank - 1).bit_length()))
+    return min(WIDTH, max(4, power_of_two(components.rank)))
 
 
 def padded_rank(components: Components) -> int:
@@ -226,10 +219,20 @@ def byte_words(components: Components) -> tuple[Any, Any, int]:
     return index_array(words), float_array(scales), words.shape[1]
 
 
-def _word(codes: Tensor) -> Any:
+def _entries(size: Tensor, lobe: Tensor, codes: Tensor) -> Entries:
+    """The entries of lobes `[M]` and codes `[M, n]`, by block and group of `size [T, G]`."""
+    groups = size.any(dim=0).nonzero().flatten()
+    last = size[:, groups].flatten().cumsum(0).view(-1, len(groups))
+    ends = torch.cat((last[:, :1] - size[:, groups[:1]], last), dim=1)
+    ends = torch.nn.functional.pad(ends, (0, power_of_two(ends.shape[1]) - ends.shape[1]))
+    links = torch.stack((lobe.long(), _word(codes)), dim=1)
+    return Entries(index_array(ends), tuple(groups.tolist()), index_array(links))
+
+
+def _word(codes: Tensor) -> Tensor:
     """Up to four bytes `[M, n]` as words `[M]`, the first one lowest."""
     shift = 8 * torch.arange(codes.shape[1])
-    return index_array((codes.clamp(max=CODE_MAX) << shift).sum(dim=1))
+    return (codes.clamp(max=CODE_MAX) << shift).sum(dim=1)
 
 
 def _channel(channels: int) -> Tensor:

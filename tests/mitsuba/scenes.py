@@ -48,9 +48,12 @@ def sphere_scene(mi: Any, bsdf: dict[str, Any], lights: dict[str, Any], size: in
 
 
 def as_on_our_sphere(mi: Any) -> Any:
-    """`to_uv` by which one copy of a square texture takes half a turn, as `render.Texture` says."""
+    """`to_uv` by which one copy of a square texture takes half a turn, as `render.Texture` says.
+
+    The copy in front is the same one also where every second copy is mirrored.
+    """
     transform = mi.ScalarTransform4f
-    return transform().translate([0.5, 0, 0]) @ transform().scale([2, 1, 1])
+    return transform().translate([-0.5, 0, 0]) @ transform().scale([2, 1, 1])
 
 
 def sun(direction: tuple[float, float, float]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from spmm_torch import SPMM
-from spmm_torch.geometry.directions import ring_directions
+from spmm_torch.geometry.directions import MIRROR, REPEAT, ring_directions
 from spmm_torch.mitsuba.material import Material
 from spmm_torch.render import (
     Camera,
@@ -26,6 +26,7 @@ from tests.mitsuba.scenes import as_on_our_sphere, sphere_scene, sun
 from tests.planted.models import (
     FEW_RINGS,
     planted_model,
+    planted_relief,
     uneven_model,
     with_components,
     with_relief,
@@ -41,23 +42,28 @@ def textured(mi: Any, run: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("size", "samples", "texels"),
-    [(24, 1024, 8), pytest.param(64, 1024, 32, marks=pytest.mark.slow)],
+    ("size", "samples", "texels", "rule"),
+    [
+        (24, 1024, 8, REPEAT),
+        (24, 1024, 8, MIRROR),
+        pytest.param(64, 1024, 32, REPEAT, marks=pytest.mark.slow),
+    ],
 )
 def test_the_picture_is_that_of_our_renderer(
-    size: int, samples: int, texels: int, mi: Any, tmp_path: Path
+    size: int, samples: int, texels: int, rule: str, mi: Any, tmp_path: Path
 ) -> None:
-    hold(mi, size, samples, texels, tmp_path)
+    hold(mi, size, samples, texels, rule, tmp_path)
 
 
 @pytest.mark.gpu(simulated=False)
 def test_the_picture_of_a_gpu_is_that_of_our_renderer(cuda: Any, tmp_path: Path) -> None:
-    hold(cuda, 64, 1024, 32, tmp_path)
+    hold(cuda, 64, 1024, 32, REPEAT, tmp_path)
 
 
-def hold(mi: Any, size: int, samples: int, texels: int, tmp_path: Path) -> None:
-    """Holds a picture of Mitsuba to ours."""
-    model = with_relief(with_components(planted_model(size=texels, residual=0.02), beside=True))
+def hold(mi: Any, size: int, samples: int, texels: int, rule: str, tmp_path: Path) -> None:
+    """Holds a picture of Mitsuba to ours, of a relief that continues by a rule."""
+    model = with_components(planted_model(size=texels, residual=0.02), beside=True)
+    model = with_relief(model, planted_relief(texels, texels, rule=rule))
     run = model_folder(tmp_path / "run", model)
     scene = sphere_scene(mi, textured(mi, run), {"sun": sun(SUN)}, size)
     found = np.array(mi.render(scene, spp=samples, seed=0))
