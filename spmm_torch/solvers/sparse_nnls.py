@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from ..runtime.device import asks
+from ..runtime.sparse import sparse_product
 from .status import STATUS_DTYPE, Status
 
 # A step that does not lower the value is tried again with this fraction of its length.
@@ -69,8 +70,8 @@ def sparse_nnls(
         diagonal = diagonal + ridge
 
     def times(vector: Tensor) -> Tensor:
-        product = gram @ vector
-        return product if ridge is None else torch.addcmul(product, ridge[:, None], vector)
+        product = sparse_product(gram, vector)
+        return product if ridge is None else product.addcmul_(ridge[:, None], vector)
 
     inverse = torch.where(diagonal > 0.0, 1.0 / diagonal, 0.0)[:, None]  # [N, 1]
     downhill, conditions = -inverse, Conditions.of(rhs, inverse)
@@ -85,10 +86,10 @@ def sparse_nnls(
         if asks(x, number, CUDA_STEPS) and not bool(open_.any()):
             break
         now = (x > 0.0) | (gradient < 0.0)
-        descent = downhill * gradient * now
+        descent = (downhill * gradient).mul_(now)
         same = (now == free).all(0) & (length == 1.0)
-        share = _ratio((descent * (last - gradient)).sum(0), squared).clamp(min=0.0) * same
-        step = descent + share * step
+        share = _ratio((last - gradient).mul_(descent).sum(0), squared).clamp(min=0.0) * same
+        step.mul_(share).add_(descent)
         slope, steepest = (step * gradient).sum(0), (descent * gradient).sum(0)
         falls = slope < 0.0
         step, slope = torch.where(falls, step, descent), torch.where(falls, slope, steepest)
@@ -151,7 +152,7 @@ class Conditions:
 
 def _value(x: Tensor, gradient: Tensor, rhs: Tensor) -> Tensor:
     """Twice 1/2 x^T G x - b^T x, `[C]` float64, given `gradient` G x - b."""
-    return (x.double() * (gradient - rhs)).sum(0)
+    return (gradient - rhs).double().mul_(x).sum(0)
 
 
 def _ratio(top: Tensor, bottom: Tensor) -> Tensor:

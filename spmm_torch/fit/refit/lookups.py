@@ -149,9 +149,17 @@ class Lookups:
         """`drawn`, made anew."""
         views, texels = run.stop - run.start, self.texel.shape[1]
         pixels = views * texels
-        rows = torch.arange(0, 4 * pixels + 1, 4, dtype=torch.int32, device=self.texel.device)
+        rows = self._fours(pixels)
         column, weight = self._texels(run, apart).flatten(), self.weight[run].flatten()
         return csr_matrix(rows, column, weight, (pixels, pixels if apart else texels))
+
+    def _fours(self, pixels: int) -> Tensor:
+        """Places of the first of four entries a row, `[n T + 1]` int32, the same for all views."""
+        key = ("fours", 0, pixels, False)
+        if key not in self._kept:
+            device = self.texel.device
+            self._kept[key] = torch.arange(0, 4 * pixels + 1, 4, dtype=torch.int32, device=device)
+        return self._kept[key]
 
     def _transposed(self, run: slice, apart: bool) -> Tensor:
         """`gathered`, made anew."""

@@ -20,11 +20,11 @@ from .matrices import products_at
 
 # Place of a texel itself among the 3 x 3 around it.
 SELF = 4
-# Pairs of entries whose places are held at once: some 60 MB.
-PAIR_BLOCK = 1 << 20
+# Pairs of entries whose places are held at once: some 30 MB on a CPU. A GPU launches less often.
+PAIR_BLOCK, CUDA_PAIR_BLOCK = 1 << 18, 1 << 20
 # Bytes of the products of lobes, pair by pair and view by view, that are held at once.
-PRODUCT_BYTES = 1 << 28
-# Views whose products are transposed at once: these take a few of the bytes above once more.
+PRODUCT_BYTES, CUDA_PRODUCT_BYTES = 1 << 27, 1 << 28
+# Views whose products are transposed at once: what lies there twice is a fraction of all.
 VIEW_BLOCK = 8
 
 
@@ -61,8 +61,8 @@ def normal_matrix(entries: SparseWeights, rho: Tensor, lookups: Lookups) -> Norm
     value = torch.zeros(len(column), device=count.device)
     own = torch.zeros(len(entries.index), device=count.device)
     blocks = _blocks(lines * count)
-    for views in slices(len(rho), _views_at_once(rho.shape[1])):
-        gram, table = _lobe_products(rho[views]), lookups.squares(views).flatten(1).T.contiguous()
+    for views in slices(len(rho), _views_at_once(rho)):
+        gram, table = _lobe_products(rho[views]), _squares(lookups, views)
         for texels in blocks:
             pairs = _Pairs.of(entries, rho.shape[1], around, sides, texels)
             if not len(pairs.other):
@@ -130,8 +130,9 @@ class _Pairs:
         return products_at(pattern, table[self.place], gram.T)
 
 
-def _views_at_once(lobes: int) -> int:
-    return max(PRODUCT_BYTES // (4 * lobes * lobes), 1)
+def _views_at_once(rho: Tensor) -> int:
+    size = CUDA_PRODUCT_BYTES if rho.is_cuda else PRODUCT_BYTES
+    return max(size // (4 * rho.shape[1] ** 2), 1)
 
 
 def _lobe_products(rho: Tensor) -> Tensor:
@@ -140,6 +141,16 @@ def _lobe_products(rho: Tensor) -> Tensor:
     for views in slices(len(rho), VIEW_BLOCK):
         products[:, views] = (rho[views] @ rho[views].transpose(1, 2)).flatten(1).T
     return products
+
+
+def _squares(lookups: Lookups, views: slice) -> Tensor:
+    """W_v^T W_v of some views, `[T 5, v]`."""
+    count, device = views.stop - views.start, lookups.texel.device
+    table = torch.empty(lookups.texel.shape[1] * len(HALF), count, device=device)
+    for run in slices(count, count if table.is_cuda else VIEW_BLOCK):  # launches cost more there
+        here = slice(views.start + run.start, views.start + run.stop)
+        table[:, run] = lookups.squares(here).flatten(1).T
+    return table
 
 
 def neighbours(height: int, width: int, device: torch.device) -> Tensor:
@@ -160,7 +171,7 @@ def _square_place(texel: Tensor, other: Tensor, side: Tensor) -> Tensor:
 
 def _blocks(sizes: Tensor) -> list[slice]:
     """Consecutive texels whose `sizes [T]` sum to about a block of pairs."""
-    block = (sizes.cumsum(0) - sizes) // PAIR_BLOCK
+    block = (sizes.cumsum(0) - sizes) // (CUDA_PAIR_BLOCK if sizes.is_cuda else PAIR_BLOCK)
     ends = torch.nonzero(block[1:] != block[:-1]).squeeze(1).add(1).tolist()
     edges = [0, *ends, len(sizes)]
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from ...data import BTF
 from ...model.lookup import SparseWeights
+from ...runtime.allocator import give_back_freed_memory
 from ...runtime.ranks import Ranks
 from ...runtime.sparse import sparse_product
 from .lookups import Lookups
@@ -79,14 +80,21 @@ def project(
     runs = lookups.runs(*ranks.span(lookups.views))
     for run in runs:  # before the pictures: what is kept would lie in the holes that these leave
         lookups.gathered(run, apart=True)
-    for run in runs:
+    give_back_freed_memory()
+
+    def of_run(run: slice) -> tuple[Tensor, Tensor]:
+        """(sums, products) of a run, whose pictures are freed before the next ones come."""
         picture = pictures_of(pictures, run, lookups, device)  # [n, T, L C]
         if scale is not None:
             by_view = scale.view(lookups.views, 1, -1)[run]
             picture = picture * by_view.repeat_interleave(channels, dim=2)
-        sums = sums + _sums(picture, members)
         shown = sparse_product(lookups.gathered(run, apart=True), picture.flatten(0, 1))
-        lobes += products_at(pattern, columns_by_view(shown, run), by_channel(rho[run], channels))
+        columns, values = columns_by_view(shown, run), by_channel(rho[run], channels)
+        return _sums(picture, members), products_at(pattern, columns, values)
+
+    for run in runs:
+        more, shown = of_run(run)
+        sums, lobes = sums + more, lobes + shown
         advance(ranks.size * (run.stop - run.start))
     energy, means = ranks.sum(sums.cpu()).tolist()
     return Projections(ranks.sum(lobes).view(-1, channels), energy, means)

@@ -67,6 +67,7 @@ class Setup:
 
     def system(self, entries: SparseWeights) -> System:
         """The system of the weights, by a pass over the pictures."""
+        give_back_freed_memory()
         problem, rho = self.problem, self.scaled_rho
         lookups = self.lookups(problem.weights.of_texels(slice(None)))
         normal = normal_matrix(entries, rho, lookups)

@@ -16,6 +16,7 @@ from ...lobes.batch import LobeBatch
 from ...metrics import Totals
 from ...model.lookup import SparseWeights
 from ...model.stored_weights import by_lobe
+from ...runtime.allocator import give_back_freed_memory
 from ...solvers.status import StatusCounts
 from ..cluster import Clusters
 from ..mixtures import Mixtures
@@ -121,6 +122,7 @@ def _refit(
         if problem.objective.unresolved:
             turns = turns.trusted(config.refit.sweeps)
     with context.watch("refit"):
+        give_back_freed_memory()
         entries = turns.entries if turns else entries
         storage = Storage(system, entries, turns, by_clusters, context.generator("rounding"))
         stored = storage.chosen(config.storage.weights)

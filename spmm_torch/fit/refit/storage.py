@@ -10,6 +10,7 @@ import torch
 from ...metrics import snr_db
 from ...model.lookup import SparseWeights
 from ...model.stored_weights import WEIGHT_TYPES, is_coded
+from ...runtime.allocator import give_back_freed_memory
 from .rounding import rounded_together
 from .system import FAINT, MAX_ROUNDING_DB, System
 from .turns import Turns
@@ -74,6 +75,7 @@ class Storage:
             return Rounded(kind, self.entries, turns)
         target = system.products.lobes if turns is None else turns.target
         entries = rounded_together(self.entries, kind, system.normal, target, self.generator)
+        give_back_freed_memory()
         return Rounded(kind, entries, None if turns is None else turns.beside(entries))
 
     def _by_products(self, found: Rounded) -> list[float]:

@@ -93,7 +93,9 @@ def sweep(
     functions = torch.zeros(lookups.views, rank, lights, channels, device=device)
     products = torch.zeros(coefficient.shape, dtype=torch.float64, device=device)
     lobes = _Lobes.of(entries, rho)
-    for run in lookups.runs(*ranks.span(lookups.views)):
+
+    def of_run(run: slice) -> tuple[Tensor, Tensor]:
+        """(functions, products) of a run, whose pictures are freed before the next ones come."""
         left = pictures_of(pictures, run, lookups, device)  # [n, T, L C]
         if exact:
             left = left - lobes.drawn(lookups, run, channels).view_as(left)
@@ -106,13 +108,15 @@ def sweep(
         found = solve_with_ridge(across @ seen, rhs, RIDGE).unflatten(2, (lights, channels))
         if kept is not None:
             found = found * kept[run][:, None, :, None]
-        functions[run] = found
-        if scale is not None:
-            found = found * scale.view(-1, 1, lights, 1)[run].square()
-        shown = (left @ found.flatten(2).transpose(1, 2)).flatten(0, 1)  # [n T, R]
+        along = found if scale is None else found * scale.view(-1, 1, lights, 1)[run].square()
+        shown = (left @ along.flatten(2).transpose(1, 2)).flatten(0, 1)  # [n T, R]
         if not exact:
-            shown -= sparse_product(lookups.drawn(run, apart=True), lobes.along(found, run))
-        products += sparse_product(lookups.gathered(run), shown)
+            shown -= sparse_product(lookups.drawn(run, apart=True), lobes.along(along, run))
+        return found, sparse_product(lookups.gathered(run), shown)
+
+    for run in lookups.runs(*ranks.span(lookups.views)):
+        functions[run], shown = of_run(run)
+        products += shown
         advance(ranks.size * (run.stop - run.start))
     return Swept(ranks.sum(functions), ranks.sum(products))
 

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from ...metrics import Totals
 from ...model.lookup import SparseWeights
+from ...runtime.allocator import give_back_freed_memory
 from ...runtime.sparse import sparse_product
 from ...solvers.sparse_nnls import sparse_nnls
 from ...solvers.status import Solver, StatusCounts
@@ -66,6 +67,7 @@ class System:
 
         Those that hardly show in any picture stay near what they are on aligned values.
         """
+        give_back_freed_memory()
         solved = sparse_nnls(
             self.normal.matrix,
             self.normal.diagonal,
@@ -75,6 +77,7 @@ class System:
             steps=steps,
             tolerance=TOLERANCE,
         )
+        give_back_freed_memory()
         counts = StatusCounts.of(Solver.SPARSE_NNLS, solved.status)
         return replace(entries, weight=solved.weights), counts
 

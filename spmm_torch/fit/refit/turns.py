@@ -16,6 +16,7 @@ from ...model.components import (
     encode_functions,
 )
 from ...model.lookup import SparseWeights
+from ...runtime.allocator import give_back_freed_memory
 from ..cluster import Clusters
 from ..residual.trust import trust
 from ..select.target import residual_weight
@@ -95,6 +96,7 @@ class Turns:
                     kept=self.kept,
                 ),
             )
+            give_back_freed_memory()
             found = replace(self, swept=swept.to(problem.device))
             start = None if self.swept is None else self.coefficient
             found = replace(found, coefficient=found._coefficients(found._swept.products, start))
@@ -190,19 +192,24 @@ class Turns:
         return self._swept.products - seen_by_components(change, self._kernel, self.system.lookups)
 
     def _beside_residual(self) -> Turns:
-        """Weights and coefficients fit for the errors without and with the residual together.
-
-        Weights that are fit to Y - w R minimize (1 - w) ||Y - L||^2 + w ||Y - L - R||^2.
-        """
+        """Weights and coefficients fit for the errors without and with the residual together."""
         system, context = self.system, self.setup.problem.context
         with context.watch("refit"):
-            share = residual_weight(self.lobes_error, self._taken_away, math.inf)
-            shown = seen_by_lobes(self.coefficient, self._kernel, system.lookups, self.entries)
             steps = self.setup.problem.config.refit.steps
-            target = system.products.lobes - share * shown
+            target = self._target()
             entries = system.fitted(self.entries, target, steps)[0]
         with context.watch("residual"):
             return replace(self, target=target).beside(entries)
+
+    def _target(self) -> Tensor:
+        """Products of the lobes with Y - w R, `[N, C]` float64.
+
+        Weights that are fit to it minimize (1 - w) ||Y - L||^2 + w ||Y - L - R||^2.
+        """
+        share = residual_weight(self.lobes_error, self._taken_away, math.inf)
+        lookups = self.system.lookups
+        shown = seen_by_lobes(self.coefficient, self._kernel, lookups, self.entries)
+        return self.system.products.lobes - share * shown
 
 
 def _added(error: float, decibels: float) -> float:
