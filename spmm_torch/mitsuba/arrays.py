@@ -64,6 +64,8 @@ def tensor(values: Tensor) -> Any:
 
 def taken(source: Any, index: Any, counts: Any) -> Any:
     """The entries `index [n]` of a flat array, 0 where `counts [n]` is 0; differentiable."""
+    if not len(index):  # Dr.Jit compares no empty array
+        return type(source)()
     return dr.gather(type(source), source, index, counts != 0)
 
 

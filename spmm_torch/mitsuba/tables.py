@@ -222,7 +222,7 @@ def byte_words(components: Components) -> tuple[Any, Any, int]:
 def _entries(size: Tensor, lobe: Tensor, codes: Tensor) -> Entries:
     """The entries of lobes `[M]` and codes `[M, n]`, by block and group of `size [T, G]`."""
     groups = size.any(dim=0).nonzero().flatten()
-    last = size[:, groups].flatten().cumsum(0).view(-1, len(groups))
+    last = size[:, groups].flatten().cumsum(0).view(len(size), len(groups))
     ends = torch.cat((last[:, :1] - size[:, groups[:1]], last), dim=1)
     ends = torch.nn.functional.pad(ends, (0, power_of_two(ends.shape[1]) - ends.shape[1]))
     links = torch.stack((lobe.long(), _word(codes)), dim=1)

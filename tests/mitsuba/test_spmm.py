@@ -38,6 +38,8 @@ def every_brdf() -> SPMM:
 MODELS = {
     "every BRDF, both residuals": every_brdf,
     "lobes alone": lambda: planted_model(size=4, names=("ward",)),
+    "none to sample": lambda: planted_model(size=4, names=("lambertian", "oren_nayar")),
+    "none at all": lambda: with_components(uneven_model([0] * 4, 2, RINGS, RINGS), rank=2),
     "relief": lambda: with_relief(planted_model(size=16, rings=FINE_RINGS, residual=0.02)),
     "mirrored relief": lambda: with_relief(
         with_components(planted_model(size=6), rank=20), planted_relief(6, 6, rule=MIRROR)
