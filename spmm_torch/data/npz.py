@@ -23,7 +23,7 @@ from ..errors import DataError
 from .arrays import ArrayHeader, array_opener, check_layout
 from .btf import BTF
 from .options import DEFAULT_OPTIONS, ReadOptions
-from .pictures import ZIP_ERRORS, innermost_zip, material_name, open_zip
+from .pictures import ZIP_ERRORS, innermost_zip, list_files, material_name, open_zip
 
 EXPECTED = "an NPZ with values, view and light"
 MEMBERS = ("values", "view", "light")
@@ -38,8 +38,7 @@ def accepts(path: Path) -> bool:
     """Whether a file is a zip with .npy arrays."""
     if path.is_dir() or not zipfile.is_zipfile(path):
         return False
-    with open_zip(path) as handle:
-        return any(name.endswith(".npy") for name in handle.namelist())
+    return any(name.endswith(".npy") for name in list_files(path))
 
 
 def read(path: Path | str, options: ReadOptions = DEFAULT_OPTIONS) -> BTF:

@@ -8,6 +8,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from ..errors import DataError
@@ -34,6 +35,10 @@ METHODS = frozenset(
 ENCRYPTED = 0x1  # flag of a member
 UNIX = 3  # number of the system whose modes are in the upper half of the attributes
 MAC_FOLDER = "__MACOSX"
+# Zips whose names are kept: every reader asks for them.
+KEPT_LISTS = 4
+# Parts of names that a path would not have: few zips have any.
+UNUSUAL = ("//", "./", "/.")
 
 
 class Archive:
@@ -182,9 +187,19 @@ def list_files(path: Path) -> list[str]:
     if path.is_dir():
         names = folder_files(path)
     else:
-        with open_zip(path) as handle:
-            names = [name for name, _ in _members(handle)]
+        try:
+            status = path.stat()
+        except OSError as error:
+            raise _unopened(path, error) from error
+        names = _names_in_zip(path, status.st_mtime_ns, status.st_size)
     return sorted(name for name in names if not _is_of_the_system(name))
+
+
+@lru_cache(KEPT_LISTS)
+def _names_in_zip(path: Path, _time: int, _size: int) -> tuple[str, ...]:
+    """The names in a zip, until it changes."""
+    with open_zip(path) as handle:
+        return tuple(name for name, _ in _members(handle))
 
 
 def beside_inner_zip(path: Path) -> list[str]:
@@ -226,8 +241,10 @@ def _members(handle: zipfile.ZipFile) -> Iterator[tuple[str, zipfile.ZipInfo]]:
         listed.add(entry)
         # Windows writes back-slashes, and some programs "./" in front.
         name = member.filename.replace("\\", "/")
-        if not name.endswith("/"):
-            yield str(PurePosixPath(name)), member
+        if name.endswith("/"):
+            continue
+        unusual = any(part in name for part in UNUSUAL)
+        yield str(PurePosixPath(name)) if unusual else name, member
 
 
 def _is_of_the_system(name: str) -> bool:

@@ -27,7 +27,7 @@ from .directions import checked_directions, unit_directions
 from .npz import read_array
 from .options import DEFAULT_OPTIONS, ReadOptions
 from .pair_lists import PairList
-from .pictures import ZIP_ERRORS, material_name, open_zip
+from .pictures import ZIP_ERRORS, list_files, material_name, open_zip
 from .sample_grid import Grid, Samples, grid_of
 from .scattered_btf import ScatteredBTF, no_store, spread_directions
 
@@ -48,8 +48,7 @@ def accepts(path: Path) -> bool:
     if path.is_dir():
         return False
     if zipfile.is_zipfile(path):
-        with open_zip(path) as handle:
-            return {f"{key}.npy" for key in REQUIRED} <= set(handle.namelist())
+        return {f"{key}.npy" for key in REQUIRED} <= set(list_files(path))
     with path.open("rb") as stream:
         return stream.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
 

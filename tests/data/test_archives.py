@@ -12,6 +12,7 @@ import torch
 
 from spmm_torch.cli.main import main
 from spmm_torch.data import load_btf
+from spmm_torch.data.pictures import list_files
 from spmm_torch.data.writers import write_npz
 from spmm_torch.errors import DataError, OutputError
 from tests.data.test_picture_set import linear, make_files, write_folder, write_zip
@@ -63,6 +64,18 @@ def test_zips_of_other_programs(tmp_path: Path, files: Files, make: Callable) ->
     assert load_btf(path).name == "WOOL"
     cached = load_btf(path).load(memory=0, cache=tmp_path / "cache")
     torch.testing.assert_close(cached.texels(), linear(CODES))
+
+
+@pytest.mark.parametrize("name", ["a//b.png", "a/./b.png", "./a/b.png", ".//a/b.png", "a\\b.png"])
+def test_names_in_a_zip_are_those_of_a_folder(tmp_path: Path, name: str) -> None:
+    assert list_files(write_zip(tmp_path / "a.zip", [(name, b"x")])) == ["a/b.png"]
+
+
+def test_a_list_of_names_follows_the_zip(tmp_path: Path) -> None:
+    path = write_zip(tmp_path / "a.zip", [("a.png", b"x")])
+    assert list_files(path) == ["a.png"]
+    write_zip(path, [("a.png", b"x"), ("b.png", b"x")])
+    assert list_files(path) == ["a.png", "b.png"]
 
 
 def test_an_inner_zip_follows_the_outer_one(tmp_path: Path, files: Files) -> None:
