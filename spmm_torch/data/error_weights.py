@@ -107,6 +107,11 @@ class Weights:
         """The scale sqrt(w_d) of every pair, `[D]`; None if all are 1."""
         return None if self.pair is None else self.pair.to(device).sqrt()
 
+    def values(self, btf: BTF, index: Index, device: torch.device | str) -> Tensor:
+        """Values `[n, D, C]` of some texels, scaled by sqrt(w_d), on a device."""
+        values, scale = btf.texels(index, device), self.scale(device)
+        return values if scale is None else values * scale[:, None]
+
     def signals(self, btf: BTF, index: Index, device: torch.device | str) -> Tensor:
         """Values `[n, C, D]` of some texels, scaled by sqrt(w_d), on a device."""
         values, scale = btf.signals(index, device), self.scale(device)

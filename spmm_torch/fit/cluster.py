@@ -160,25 +160,25 @@ def principal_points(
     width = btf.pair_count * btf.channels
     rank = min(components + OVERSAMPLING, btf.texel_count, width)
     probe = torch.randn(btf.pair_count, btf.channels, rank, generator=generator)
-    probe = probe.transpose(0, 1).reshape(width, rank).to(device)  # channels first, as signals
+    probe = probe.flatten(0, 1).to(device)
     size = block_texels(btf, device)
     # float64, so that the order of the blocks does not matter.
     back = torch.zeros(width, rank, dtype=torch.float64, device=device)
     for block in _sketch_blocks(btf.texel_count, size)[ranks.rank :: ranks.size]:
-        values = _weighted(problem.weights, problem.signals(block).flatten(1), block)
+        values = _weighted(problem.weights, problem.values(block).flatten(1), block)
         back += values.T @ (values @ probe)  # Y^T (Y probe), without keeping Y
         advance(ranks.size * len(values))
     basis = torch.linalg.qr(ranks.sum(back).float()).Q  # [D C, rank], the right singular space
     points = torch.zeros(btf.texel_count, rank)
     for block in list(slices(btf.texel_count, size))[ranks.rank :: ranks.size]:
-        values = problem.signals(block).flatten(1)
+        values = problem.values(block).flatten(1)
         points[block] = (values @ basis).cpu()
         advance(ranks.size * len(values))
     points = ranks.sum(points)  # each row is zero on all ranks but one
     spread = _weighted(problem.weights, points, slice(None))
     rotation = torch.linalg.svd(spread, full_matrices=False).Vh.T
-    turned = (basis.cpu() @ rotation)[:, :components]  # [C D, P]
-    functions = turned.view(btf.channels, btf.pair_count, -1).permute(1, 2, 0)
+    turned = (basis.cpu() @ rotation)[:, :components]  # [D C, P]
+    functions = turned.unflatten(0, (btf.pair_count, btf.channels)).transpose(1, 2)
     return (points @ rotation)[:, :components], functions.contiguous()
 
 

@@ -88,6 +88,10 @@ class Problem:
             return DirectionGrid.of_pairs(*self.btf.pairs(), self.device, scale, horizon)
         return DirectionGrid.build(self.btf.light, self.btf.view, self.device, scale, horizon)
 
+    def values(self, texels: Index) -> Tensor:
+        """Values `[n, D, C]` of some texels times the square roots of the weights of the pairs."""
+        return self.weights.values(self.btf, texels, self.device)
+
     def signals(self, texels: Index) -> Tensor:
         """Values `[n, C, D]` of some texels times the square roots of the weights of the pairs."""
         return self.weights.signals(self.btf, texels, self.device)
