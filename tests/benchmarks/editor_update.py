@@ -26,12 +26,12 @@ from tests.planted.models import planted_model
 REPEATS = 9
 CLUSTERS, LOBES_PER_CLUSTER = 32, 30
 # Other things that a user moves, as settings of the stage.
-MOVES = {"light": {"light": (30.0, 60.0)}, "view": {"view": (20.0, 40.0)}}
+MOVES = {"light": Setting(light=(30.0, 60.0)), "view": Setting(view=(20.0, 40.0))}
 
 
 def main() -> None:
-    """Prints a line for each slider, and one each for the light and the view."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Prints a line for each slider of a flat material, and one each for the light and the view."""
+    parser = argparse.ArgumentParser(description=__doc__)
     for name, value in (("size", 256), ("texels", 256), ("lobes", 8), ("threads", 0)):
         parser.add_argument(f"--{name}", type=int, default=value)
     options = parser.parse_args()
@@ -41,12 +41,13 @@ def main() -> None:
     model = planted_model(
         options.texels, options.lobes, CLUSTERS, LOBES_PER_CLUSTER, residual=0.01
     ).requires_grad_(False)
+    usable = Session(Path(), model).usable()
     print(
         f"{model.height} x {model.width} texels of {options.lobes} lobes, "
         f"{options.size} x {options.size} pixels, {torch.get_num_threads()} threads"
     )
     print("edit                    median ms   slowest ms   median CPU ms")
-    for slider in SLIDERS:
+    for slider in (slider for slider in SLIDERS if usable[slider.name]):
         session, preview = Session(Path(), model), Preview(model, Setting(), options.size)
         preview.follow(model)
         times = []
@@ -55,8 +56,8 @@ def main() -> None:
             session.move(slider.name, slider.neutral + part * (slider.high - slider.neutral))
             times.append(timed(lambda s=session, p=preview: jpeg_uri(p.follow(s.model()))))
         report(slider.title, times[1:])  # the first one makes what the others reuse
-    for name, change in MOVES.items():
-        times = [timed(lambda c=change: Preview(model, Setting(**c), options.size)) for _ in "abc"]
+    for name, setting in MOVES.items():
+        times = [timed(lambda s=setting: Preview(model, s, options.size)) for _ in "abc"]
         report(name, times)
 
 

@@ -84,7 +84,7 @@ def compiled(model: SPMM, uv: Tensor, wi: Tensor, wo: Tensor) -> dict[str, Calla
 @torch.no_grad()
 def main() -> None:
     """Prints seconds and their ratios."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)

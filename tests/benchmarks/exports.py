@@ -34,7 +34,7 @@ MEAN_STEPS = 600  # one texel is fit in no time
 
 def main() -> None:
     """Prints a line for each material."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run")
     parser.add_argument("--against", default=None)
     options = parser.parse_args()

@@ -57,7 +57,7 @@ def written(about: dict[str, Any], ended: dict[str, Ended]) -> str:
 
 def main(arguments: list[str] | None = None) -> int:
     """Measures, prints the table, writes the results whole; 1 where a part failed."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", required=True, metavar="OUT", help="folder to make")
     parser.add_argument("--device", default="cuda", choices=("cuda", "cpu"), help="cpu: a dry run")
     parser.add_argument("--parts", default=",".join(LIMITS), metavar="NAME,...")

@@ -77,7 +77,8 @@ def benchmark(
         return trace(scene, settings, pixels, like)
 
     hits = traced()
-    wi, _ = delta_light_directions(hits, scene.lights)
+    lights = [light for light in scene.lights if isinstance(light, DirectionalLight)]
+    wi, _ = delta_light_directions(hits, lights)
     hit, number = torch.nonzero(wi[..., 2] > 0.0, as_tuple=True)
     queries = (hits.uv[hit], wi[hit, number], hits.wo[hit])
     work = {

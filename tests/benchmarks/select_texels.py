@@ -36,13 +36,14 @@ from spmm_torch.runtime.stopwatch import Stopwatch
 CPU = torch.device("cpu")
 # Texels of one product: as many as fill the second-level caches many times over.
 PRODUCT_TEXELS = 512
-STAGES = ("select", "refit", "evaluate", "residual")
+STAGES = ("select", "residual")
 
 
 def tiled_codes(side: int) -> BTF:
     """The sample repeated over `side * side` texels of 8-bit codes, with gains."""
     btf = load_btf(sample_path())
     store = btf.open_store(btf.part, Loading())
+    assert isinstance(store, CodeStore)
     texel, gain = repeated(btf, side), gains(side, btf.channels)
     codes = torch.empty(len(texel), btf.pair_count, btf.channels, dtype=torch.uint8)
     for block in slices(len(texel), PRODUCT_TEXELS):
@@ -55,25 +56,24 @@ def shortened(dictionary: Dictionary, lobes: int) -> Dictionary:
     """The first lobes of a dictionary, open to all clusters."""
     kept = torch.arange(min(lobes, len(dictionary.atoms)))
     choices = [kept] * len(dictionary.choices)
-    parts = (dictionary.lobes, dictionary.atoms, dictionary.norm)
-    lobes_kept, atoms, norm = (part[kept] for part in parts)
-    return Dictionary(lobes_kept, atoms, norm, choices, atoms)
+    atoms = dictionary.atoms[kept]
+    return Dictionary(dictionary.lobes[kept], atoms, dictionary.norm[kept], choices, atoms)
 
 
 def bare_product(btf: BTF, atoms: Tensor) -> float:
     """Seconds of D^T Y for all texels."""
     values = btf.texels(slice(0, PRODUCT_TEXELS)).transpose(1, 2).contiguous()
-    values @ atoms.T  # touches the memory
+    torch.matmul(values, atoms.T)  # touches the memory
     started = time.perf_counter()
     for _ in slices(btf.texel_count, PRODUCT_TEXELS):
-        values @ atoms.T
+        torch.matmul(values, atoms.T)
     return time.perf_counter() - started
 
 
 @torch.no_grad()
 def main() -> None:
     """Prints seconds, their ratio, and the errors of the fit."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--texels", type=int, default=65536)
     parser.add_argument("--lobes", type=int, default=100)
     parser.add_argument("--pilot", type=int, default=FitConfig().select.pilot, help="0: none")
@@ -84,7 +84,7 @@ def main() -> None:
     config = FitConfig.from_dict({"select": {"pilot": options.pilot or None}})
     watch = Stopwatch(CPU)
     context = Context.build("cpu", config.seed, memory=1 << 33, watch=watch)
-    problem = Problem(btf, UNIFORM, config, context)
+    problem = Problem.build(btf, UNIFORM, config, context)
     clusters = cluster_texels(problem)
     found = search_lobes(problem, sample_texels(problem, clusters))
     dictionary = build_dictionary(problem, found, len(clusters.members))

@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from spmm_torch.export.gltf import write
+from spmm_torch.export.surface.textured import Textured
 from spmm_torch.export.target import NoSettings
 from spmm_torch.runtime.progress import Progress
 from tests.browser import WEBGL, browser
@@ -35,6 +36,7 @@ from tests.slant_view import (
 )
 
 PAGE = Path(__file__).with_name("three_page.html")
+THREE = "node_modules/three/build/three.module.js"
 PATIENCE = 120.0  # seconds for a page on a busy machine
 ASK = """
 const answer = arguments[arguments.length - 1];
@@ -90,6 +92,8 @@ def main() -> None:
     add_model(parser)
     parser.add_argument("--modules", type=Path, default=".", help="folder with node_modules")
     options = parser.parse_args()
+    if not (options.modules / THREE).is_file():
+        parser.error(f"{options.modules / THREE} is missing; run `npm install three` there")
     model, (wi, wo) = model_of(options), light_and_view()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -97,6 +101,7 @@ def main() -> None:
         (folder / PAGE.name).write_bytes(PAGE.read_bytes())
         path = folder / "material.glb"
         material = write(path, model, NoSettings(), Progress(enabled=False)).material
+        assert isinstance(material, Textured)
         found, uv = picture(folder, wi, wo)
     expected = material(uv, wi, wo) / material.gain  # a file of glTF knows no gain
     print(told("three.js against the equations of glTF", found, expected))
