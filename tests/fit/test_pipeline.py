@@ -176,8 +176,11 @@ def test_high_dynamic_range() -> None:
     dim = noisy(2, 3)
     bright = texel_btf(1e4 * dim.texels(), DIRECTIONS, height=2)
     a, b = fit(dim, small(), render=False).report, fit(bright, small(), render=False).report
-    for name in ("without_residual", "with_residual", "cluster_mean"):
-        assert b["snr_db"][name] == pytest.approx(a["snr_db"][name], abs=0.1)
+    for name in ("without_residual", "cluster_mean"):
+        assert b["snr_db"][name] == pytest.approx(a["snr_db"][name], abs=0.01)
+    # Only the rounding of the residual is left, which depends on where values lie between two
+    # powers of two.
+    assert b["snr_db"]["with_residual"] == pytest.approx(a["snr_db"]["with_residual"], abs=2.0)
     assert b["psnr_peak"] > 1e3
 
 
