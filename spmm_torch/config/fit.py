@@ -162,7 +162,12 @@ class SearchConfig:
         "of a sample after each new lobe)",
         choices=("stagewise", "corrective"),
     )
-    models: tuple[str, ...] = setting(PAPER_MODELS, "BRDF models of the lobes", choices=MODEL_NAMES)
+    models: tuple[str, ...] = setting(
+        PAPER_MODELS,
+        "BRDF models of the lobes; ggx joins the default ones for peaks narrower than the "
+        "directions, and of at most 32 texels, or unrelated ones, where weights.error auto is l2",
+        choices=MODEL_NAMES,
+    )
     max_lobes: int = setting(4, "maximum number of lobes of a sample", low=1, high=64)
     restarts: int | None = setting(
         None, "starting points of a new lobe; null: as many as fill a batch, at most 8", low=1

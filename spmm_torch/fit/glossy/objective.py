@@ -123,10 +123,14 @@ class Objective:
         count = int(specular_mask(lobes, limit).sum())
         return ObjectiveFigures(self.error, by, count, model.narrow_share(limit))
 
-    def models(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Models of the lobes: beside unresolved peaks, one with long tails joins the paper's."""
-        joins = self.peak is not None and names == PAPER_MODELS
-        return (*names, LONG_TAILED) if joins else names
+    def models(self, names: tuple[str, ...], each: bool = False) -> tuple[str, ...]:
+        """Models of the lobes: GGX joins the paper's for unresolved peaks, and where it pays.
+
+        That is where the data chose squared errors, and `each` texel is searched: felts and paints
+        fade towards the horizon as none of the seven.
+        """
+        joins = self.unresolved or (each and self.chosen and self.plain)
+        return (*names, LONG_TAILED) if joins and names == PAPER_MODELS else names
 
 
 PLAIN = Objective()

@@ -97,13 +97,14 @@ class _Scene:
     @property
     def models(self) -> tuple[str, ...]:
         """Models of the lobes."""
-        return self.problem.objective.models(self.problem.config.search.models)
+        btf, config = self.problem.btf, self.problem.config
+        each = btf.names is not None or btf.texel_count <= FEW_ROWS
+        return self.problem.objective.models(config.search.models, each)
 
-    @property
-    def bank(self) -> Bank:
+    def bank(self, models: tuple[str, ...]) -> Bank:
         """Candidates that the pairs resolve."""
         count = bank_normals(self.problem.config.search, len(self.signals))
-        return build_bank(self.grid, self.models, count, self.feasible)
+        return build_bank(self.grid, models, count, self.feasible)
 
     def narrow(
         self, bank: Bank, bounds: Feasible, models: tuple[str, ...]
@@ -121,7 +122,7 @@ def _stagewise(
 ) -> tuple[Mixtures, StartCounts]:
     """The paper's search."""
     config = scene.problem.config
-    bank, bounds = scene.narrow(scene.bank, scene.feasible, scene.models)
+    bank, bounds = scene.narrow(scene.bank(scene.models), scene.feasible, scene.models)
     finder = StagewiseSearch.build(
         scene.grid, bank, bounds, config.search, config.stagewise, scene.signals, generator
     )
@@ -130,18 +131,22 @@ def _stagewise(
 
 def _corrective(scene: _Scene, samples: Samples, advance: Advance) -> tuple[Mixtures, StartCounts]:
     """The default search; of several starts each sample keeps the best."""
-    search, bank = scene.problem.config.search, scene.bank
+    search, starts = scene.problem.config.search, _starts(scene)
     fine = Feasible.build(EXACT_WIDTH * search.min_width * scene.grid.spacing).to(scene.grid.light)
+    bank = scene.bank(starts[0].models)
     known = music_lobes(scene.signals.flatten(0, 1), scene.grid, bank, fine)
+    if len(known) and not scene.problem.objective.unresolved:
+        starts = starts[:1]  # few lobes of the first make all signals
     bounds = fine if len(known) else scene.feasible
     exact, counts = _exact(scene, samples), StartCounts()
-    tails = _tails(scene, len(samples))
-    advance = _in_parts(advance, len(tails))
+    advance = _in_parts(advance, len(starts))
     best: Mixtures | None = None
-    for models in tails:
-        start = scene.narrow(bank, bounds, models)
+    for start in starts:
+        if start.models != starts[0].models:
+            bank = scene.bank(start.models)
+        own = scene.narrow(bank, bounds, start.narrow)
         finder = CorrectiveSearch(
-            scene.grid, *start, search, scene.signals, known, counts=counts, exact=exact
+            scene.grid, *own, search, scene.signals, known, counts=counts, exact=exact
         )
         found = finder.run(advance)
         best = found if best is None else best.better(found)
@@ -149,15 +154,27 @@ def _corrective(scene: _Scene, samples: Samples, advance: Advance) -> tuple[Mixt
     return best, counts
 
 
-def _tails(scene: _Scene, samples: int) -> list[tuple[str, ...]]:
-    """Models that may stand for unresolved peaks, in each start.
+@dataclass(frozen=True)
+class _Start:
+    """Models of the lobes of one search, and those of them that may be as narrow as a peak."""
 
-    Samples beside a peak hardly tell whether it has a long tail, but which is chosen first decides
-    where a search ends.
+    models: tuple[str, ...]
+    narrow: tuple[str, ...]
+
+
+def _starts(scene: _Scene) -> list[_Start]:
+    """The searches of all samples: where each can afford it, with and without long tails.
+
+    Samples hardly tell whether a peak has a long tail, but which lobe is chosen first decides where
+    a search ends.
     """
-    short = tuple(name for name in scene.models if name != LONG_TAILED)
-    alone = scene.problem.objective.peak is None or samples > FEW_ROWS
-    return [scene.models] if alone or short == scene.models else [scene.models, short]
+    models, given = scene.models, scene.problem.config.search.models
+    short = tuple(name for name in models if name != LONG_TAILED)
+    if not scene.problem.objective.unresolved and models != given:
+        return [_Start(given, given), _Start(models, models)]
+    if scene.problem.objective.unresolved and models != short and len(scene.signals) <= FEW_ROWS:
+        return [_Start(models, models), _Start(models, short)]
+    return [_Start(models, models)]
 
 
 def _in_parts(advance: Advance, parts: int) -> Advance:

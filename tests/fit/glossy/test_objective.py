@@ -32,6 +32,7 @@ def test_a_body_that_would_be_lost_beside_its_peak_chooses_balanced_errors() -> 
     found = Objective.of(btf, config, CPU)
     assert (found.error, found.chosen, found.peak, found.pair) == ("balanced", True, None, None)
     assert found.models(PAPER_MODELS) == PAPER_MODELS
+    assert found.models(PAPER_MODELS, each=True) == PAPER_MODELS
     assert "values and of cube roots" in (found.describe() or "")
 
 
@@ -56,7 +57,7 @@ def test_unresolved_peaks_choose_cube_roots() -> None:
 def test_the_settings_and_the_paper_stay_plain(change: dict) -> None:
     found = Objective.of(glossy_btf(), FitConfig.from_dict(change), CPU)
     assert found.plain
-    assert found.models(PAPER_MODELS) == PAPER_MODELS
+    assert found.models(PAPER_MODELS, each=True) == PAPER_MODELS
 
 
 def test_black_texels_and_one_bright_sample_do_not_make_data_glossy() -> None:
@@ -72,3 +73,6 @@ def test_matt_data_choose_squared_errors() -> None:
     found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)
     assert found.plain
     assert found.describe() is None
+    assert found.models(PAPER_MODELS) == PAPER_MODELS
+    assert found.models(PAPER_MODELS, each=True) == (*PAPER_MODELS, "ggx")
+    assert found.models(("lambertian",), each=True) == ("lambertian",)

@@ -8,10 +8,13 @@ import pytest
 import torch
 
 from spmm_torch import FitConfig
+from spmm_torch.brdf import MODEL_NAMES
 from spmm_torch.data.error_weights import UNIFORM
 from spmm_torch.fit.cluster import Samples
 from spmm_torch.fit.dictionary import FoundLobes
+from spmm_torch.fit.glossy.objective import Objective
 from spmm_torch.fit.problem import Problem
+from spmm_torch.fit.search.joint import FEW_ROWS
 from spmm_torch.fit.search.lobes import find_lobes, search_lobes, search_steps
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import LobeBatch
@@ -56,6 +59,11 @@ def problem_of(method: str, pairs: int = 32) -> tuple[Problem, Samples]:
 def search(method: str, pairs: int = 32) -> FoundLobes:
     """The lobes of the texels of `problem_of`."""
     return search_lobes(*problem_of(method, pairs))
+
+
+def names(found: FoundLobes) -> set[str]:
+    """The models of the lobes."""
+    return {MODEL_NAMES[model] for model in found.lobes.model.tolist()}
 
 
 def totals(found: FoundLobes) -> dict[str, int]:
@@ -119,3 +127,36 @@ def test_counts_survive_a_checkpoint(method: str) -> None:
     again = FoundLobes.from_tensors(found.to_tensors())
     assert again.solvers.to_dict() == found.solvers.to_dict()
     assert torch.equal(again.starts, found.starts)
+
+
+@torch.no_grad()
+def test_ggx_joins_the_models_of_the_paper_where_each_texel_is_searched() -> None:
+    """Felt and paint fade towards the horizon as GGX does, and as none of the seven models."""
+    rough = Planted((Lobe("lambertian"), Lobe("ggx", (0.6, 0.6, 0.05))), (WHITE, WHITE))
+    search_of_two = {"max_lobes": 2, "exchanges": 2, "bank_normals": 8}
+    config = FitConfig.from_dict({**SETTINGS, "search": search_of_two})
+    models = {}
+    for count, chosen in ((1, True), (1, False), (FEW_ROWS + 1, True)):
+        btf = planted_texture([rough] * count, DIRECTIONS, "rough")
+        objective = Objective(chosen=chosen)
+        problem = Problem.build(btf, UNIFORM, config, Context.build("cpu"), objective)
+        samples = Samples(torch.zeros(1, dtype=torch.long), torch.zeros(1, dtype=torch.long))
+        steps: list[int] = []
+        found = find_lobes(problem, samples, torch.Generator(), steps.append)
+        assert sum(steps) == search_steps(config, 1)
+        models[count, chosen] = names(found)
+        assert (float(found.error.max()) < 1e-7) == ("ggx" in models[count, chosen])
+    assert models[1, True] == {"lambertian", "ggx"}
+    assert "ggx" not in models[1, False] | models[FEW_ROWS + 1, True]
+
+
+@torch.no_grad()
+def test_sums_of_lobes_of_the_paper_keep_these() -> None:
+    lobes = (Lobe("lambertian"), Lobe("ward", (0.3, 0.3)), Lobe("lafortune", (-1.0, 9.0)))
+    btf = planted_texture([Planted(lobes, (WHITE,) * 3)], DIRECTIONS, "exact")
+    config, objective = FitConfig(device="cpu"), Objective(chosen=True)
+    problem = Problem.build(btf, UNIFORM, config, Context.build("cpu"), objective)
+    samples = Samples(torch.zeros(1, dtype=torch.long), torch.zeros(1, dtype=torch.long))
+    found = find_lobes(problem, samples, torch.Generator(), lambda steps: None)
+    assert names(found) == {"lambertian", "ward", "lafortune"}
+    assert float(found.error.max()) < 1e-7
