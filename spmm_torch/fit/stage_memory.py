@@ -8,6 +8,7 @@ from ..config.fit import FitConfig, WeightsConfig
 from ..data import BTF
 from ..data.blocks import BLOCK_COPIES, CUDA_BLOCK_VALUES, block_texels
 from ..lobes.batch import COORDINATES
+from .glossy.objective import most_models
 from .refit.normal import PRODUCT_BYTES
 from .relief.estimate import LEAST_SIDE, LEAST_VIEWS
 from .relief.pictures import MAX_VIEWS
@@ -71,7 +72,8 @@ def _search(btf: BTF, config: FitConfig, samples: int) -> int:
     """Samples, the bank, and the lobes of all samples or their Jacobian."""
     pairs, search = btf.pair_count, config.search
     normals = 1 + bank_normals(search, samples)
-    bank = sum(len(SHAPES[name]) for name in search.models) * normals
+    models = search.models if config.weights.error == "l2" else most_models(search.models)
+    bank = sum(len(SHAPES[name]) for name in models) * normals
     held = FLOAT * pairs * (SAMPLE_COPIES * samples * btf.channels + BANK_COPIES * bank)
     if search.method == "stagewise":
         return held + SLOT_COPIES * FLOAT * pairs * samples * search.max_lobes

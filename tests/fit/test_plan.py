@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spmm_torch import BTF, ConfigError, FitConfig
+from spmm_torch.brdf import PAPER_MODELS
 from spmm_torch.cli.main import main
 from spmm_torch.data.store import Loading, Part, Store
 from spmm_torch.fit import plan
@@ -79,10 +80,11 @@ def test_more_directions_take_more_of_both(
 @given(SIDES, RINGS)
 def test_more_work_asked_for_takes_longer(side: int, ring: int) -> None:
     source = btf(max(side, 16), ring)
-    base = estimate(source, FitConfig(), CPU)
+    config = FitConfig().override(["search.bank_normals=64"])  # else finer for few samples
+    base = estimate(source, config, CPU)
     for change in ("search.max_lobes=8", "cluster.components=64"):
-        assert estimate(source, FitConfig().override([change]), CPU).seconds > base.seconds
-    fewer = FitConfig().override(["sample.per_cluster=1", "cluster.count=2"])
+        assert estimate(source, config.override([change]), CPU).seconds > base.seconds
+    fewer = config.override(["sample.per_cluster=1", "cluster.count=2"])
     assert estimate(source, fewer, CPU).working_bytes <= base.working_bytes
 
 
@@ -109,6 +111,18 @@ def test_relief_and_refit_count_where_there_can_be_any() -> None:
     assert bare < refit < mixed
     assert mixed - refit > 60 * each_pixel
     assert mixed > HELD + 84 * each_pixel
+
+
+def test_ggx_counts_where_the_data_may_ask_for_it() -> None:
+    """Its candidates join those of the paper's models once the data are decoded."""
+    source = btf(4, 80)
+    eight = f"search.models=[{','.join((*PAPER_MODELS, 'ggx'))}]"
+
+    def need(*changes: str) -> int:
+        return estimate(source, FitConfig().override(list(changes)), CPU).working_bytes
+
+    assert need() == need(eight)
+    assert need("weights.error=l2") < need("weights.error=l2", eight)
 
 
 def test_streamed_values_are_neither_decoded_nor_kept() -> None:

@@ -130,7 +130,12 @@ class Objective:
         fade towards the horizon as none of the seven.
         """
         joins = self.unresolved or (each and self.chosen and self.plain)
-        return (*names, LONG_TAILED) if joins and names == PAPER_MODELS else names
+        return most_models(names) if joins else names
 
 
 PLAIN = Objective()
+
+
+def most_models(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Models that lobes may have where the settings say `names`: GGX may join the paper's."""
+    return (*names, LONG_TAILED) if names == PAPER_MODELS else names

@@ -142,9 +142,9 @@ def _corrective(scene: _Scene, samples: Samples, advance: Advance) -> tuple[Mixt
     advance = _in_parts(advance, len(starts))
     best: Mixtures | None = None
     for start in starts:
-        if start.models != starts[0].models:
-            bank = scene.bank(start.models)
-        own = scene.narrow(bank, bounds, start.narrow)
+        more = tuple(name for name in start.models if name not in starts[0].models)
+        whole = bank.joined(scene.bank(more)) if more else bank
+        own = scene.narrow(whole, bounds, start.narrow)
         finder = CorrectiveSearch(
             scene.grid, *own, search, scene.signals, known, counts=counts, exact=exact
         )
@@ -169,12 +169,12 @@ def _starts(scene: _Scene) -> list[_Start]:
     a search ends.
     """
     models, given = scene.models, scene.problem.config.search.models
+    every = _Start(models, models)
+    if not scene.problem.objective.unresolved:
+        return [every] if models == given else [_Start(given, given), every]
     short = tuple(name for name in models if name != LONG_TAILED)
-    if not scene.problem.objective.unresolved and models != given:
-        return [_Start(given, given), _Start(models, models)]
-    if scene.problem.objective.unresolved and models != short and len(scene.signals) <= FEW_ROWS:
-        return [_Start(models, models), _Start(models, short)]
-    return [_Start(models, models)]
+    again = models != short and len(scene.signals) <= FEW_ROWS
+    return [every, _Start(models, short)] if again else [every]
 
 
 def _in_parts(advance: Advance, parts: int) -> Advance:
