@@ -295,11 +295,14 @@ class ResidualConfig:
     )
     joint: bool = setting(
         True,
-        "whether weights minimize the errors without and with the residual of the clusters "
-        "together; false: the error without it, as in the paper",
+        "whether weights minimize the errors without and with the residual together; false: the "
+        "error without it, as in the paper",
     )
     alternations: int = setting(
-        3, "number of times that weights and residual are refit in turn", low=1
+        3,
+        "number of times that weights and the residual of the clusters are refit in turn (with "
+        "residual.clusters and residual.joint)",
+        low=1,
     )
     precision: str = setting(
         "float16", "number format of the stored residual", choices=("float16", "float32")

@@ -22,8 +22,8 @@ def lobe_group(model: SPMM, group: str, threshold: float = SPECULAR_WIDTH) -> Se
         model: whose lobes are selected.
         group: one of GROUPS. Lobes of models without a width, such as Lambertian and Oren-Nayar,
             are never specular; others are where they are narrower than `threshold`.
-        threshold: width in radians (root mean square slope of the half vector); the paper leaves
-            its value open.
+        threshold: width in radians (slope of the half vector where a lobe falls to 1/e); the paper
+            leaves its value open.
 
     Raises:
         ConfigError: unknown group, a threshold out of its range, or no lobe in the group.

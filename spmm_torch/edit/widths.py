@@ -19,7 +19,7 @@ def power_law(from_width: Callable[[float], float]) -> tuple[float, float]:
 
 
 def widths(lobes: LobeBatch) -> Tensor:
-    """Width of each lobe in radians (root mean square slope of the half vector), `[J]`.
+    """Width of each lobe in radians (slope of the half vector where a lobe falls to 1/e), `[J]`.
 
     The smaller one of an anisotropic lobe; infinite where the model has no width.
     """

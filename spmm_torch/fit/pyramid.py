@@ -1,4 +1,4 @@
-"""A pyramid of models, each fit to the values of a BTF with half the texels of the one before."""
+"""A pyramid of models, each fit to the values of a BTF of half the side of the one before."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .pipeline import fit
 
 
 def fit_pyramid(btf: BTF, config: FitConfig | None = None, levels: int | None = None) -> Pyramid:
-    """Fits level by level, the finest first; each takes a quarter of the time of the one before.
+    """Fits level by level, the finest first; each has a quarter of the texels of the one before.
 
     Args:
         btf: measured reflectance; the part that `config.data` selects is taken once.

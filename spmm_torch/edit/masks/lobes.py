@@ -63,8 +63,8 @@ def lobe_selection(
         model: whose lobes are selected.
         models: names of BRDFs.
         specular: whether of the specular group [WDR11 §5.1].
-        width: from, to, in radians (root mean square slope of the half vector); diffuse lobes have
-            an infinite one.
+        width: from, to, in radians (slope of the half vector where a lobe falls to 1/e); diffuse
+            lobes have an infinite one.
         elevation: from, to, of the normal above the horizon in radians; pi/2 is upright.
         threshold: width in radians below which a lobe is specular.
 
