@@ -19,8 +19,8 @@ TEXELS = 64
 
 
 def is_glossy(values: Tensor) -> bool:
-    """Whether most of some texels are glossy, of values `[n, C, D]`; black ones do not count."""
-    count = bright_pairs(values[values.flatten(1).any(1)])
+    """Whether most of some texels are glossy, of values `[n, C, D]`, of which none is black."""
+    count = bright_pairs(values)
     glossy = (count >= FEWEST) & (count <= PAIRS * values.shape[2])
     return bool(glossy.double().mean() > 0.5)
 

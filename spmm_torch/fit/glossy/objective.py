@@ -59,6 +59,7 @@ class Objective:
         if error == "l2" or (chosen and config.search.method == "stagewise"):
             return cls()
         values = btf.signals(some_texels(btf.texel_count), device)  # [n, C, D]
+        values = values[values.flatten(1).any(1)]  # black texels have no peaks, and suit any error
         if chosen and not is_glossy(values):
             return cls(chosen=True)
         grid = DirectionGrid.build(btf.light, btf.view, device)
@@ -84,7 +85,7 @@ class Objective:
         error, chosen = config.weights.error, config.weights.error == "auto"
         if error == "l2" or (chosen and config.search.method == "stagewise"):
             return cls()
-        return cls("balanced" if chosen else error)
+        return cls("balanced" if chosen else error, chosen)
 
     @property
     def plain(self) -> bool:

@@ -105,6 +105,8 @@ def _of_sample(value: Tensor, half: Tensor, incidence: Tensor, width: float) -> 
     metal = not bool(grazing.any()) or float(mean[grazing].median()) < RISE * height
     if metal:
         height = float(value[:, steep].median(1).values.max())
+    if not height > 0.0:  # noise that is kept below zero
+        return None
     reflectance = METAL if metal else DIELECTRIC
     narrow = max(NARROWEST, math.sqrt(reflectance / (4.0 * math.pi * height)))
     return Unresolved(narrow, reflectance, metal) if narrow < width else None

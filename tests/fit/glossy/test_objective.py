@@ -68,6 +68,22 @@ def test_black_texels_and_one_bright_sample_do_not_make_data_glossy() -> None:
     assert Objective.of(texel_btf(values, ring_directions()), AUTO, CPU).plain
 
 
+@pytest.mark.parametrize("error", ["auto", "balanced", "cube-root", "log"])
+def test_black_texels_tell_nothing_of_gloss(error: str) -> None:
+    """The height of their peak, 0, was divided by; and any error suited them."""
+    alone, config = glossy_btf(), FitConfig.from_dict({"weights": {"error": error}})
+    black = torch.zeros_like(alone.texels())
+    known = Objective.of(alone, config, CPU)
+    found = Objective.of(
+        texel_btf(torch.cat((black, alone.texels())), ring_directions()), config, CPU
+    )
+    assert (found.error, found.chosen, found.peak) == (known.error, known.chosen, known.peak)
+    darkest = torch.zeros(66, 6561, 3)
+    darkest[1] = 1.0  # every second texel is looked at
+    unseen = Objective.of(texel_btf(darkest, ring_directions()), config, CPU)
+    assert (unseen.peak, unseen.chosen) == (None, error == "auto")
+
+
 def test_matt_data_choose_squared_errors() -> None:
     values = torch.rand(4, 6561, 3, generator=torch.Generator().manual_seed(0))
     found = Objective.of(texel_btf(values, ring_directions()), AUTO, CPU)

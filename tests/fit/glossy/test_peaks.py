@@ -44,6 +44,11 @@ def test_a_peak_that_the_directions_resolve_keeps_its_width() -> None:
     assert unresolved(GRID, samples(lobe(1.5 * WIDTH, METAL)), WIDTH) is None
 
 
+def test_noise_below_zero_has_no_peak() -> None:
+    noise = torch.randn(8, 3, GRID.pair_count, generator=torch.Generator().manual_seed(0)) - 5.0
+    assert unresolved(GRID, noise, WIDTH) is None
+
+
 def test_widths_that_no_sample_tells_are_left_out() -> None:
     feasible = Feasible.build(WIDTH).or_as_narrow_as(0.01)
     for width, nearest in ((0.005, 0.01), (0.02, 0.01), (0.05, WIDTH), (0.2, 0.2)):
