@@ -218,7 +218,7 @@ def _select_forward(texels: _Texels, slots: int) -> tuple[_Support, Tensor]:
     )
     running, current = torch.ones_like(status, dtype=torch.bool), support  # [T']
     rounds = CUDA_ROUNDS if running.is_cuda else 1
-    for step in range(ROUNDS_PER_SLOT * slots):
+    for step in range(ROUNDS_PER_SLOT * slots if atoms else 0):
         if not texels.rows.numel():
             break
         # Free slots are filled from the front, so that the first rounds solve smaller systems.

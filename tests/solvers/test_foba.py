@@ -201,3 +201,14 @@ def test_refits_tell_how_their_least_squares_ended() -> None:
     both = select_foba(gram, correlation, energy, max_lobes=2, min_gain=0.0)
     assert both.nnls_status.tolist() == [[Status.NO_DESCENT] * 2]
     assert both.weights.isfinite().all() and (both.error < one.error).all()
+
+
+@pytest.mark.parametrize("max_lobes", [4, None])
+def test_an_empty_dictionary_leaves_all_of_the_error(max_lobes: int | None) -> None:
+    energy = torch.tensor([2.0, 0.0])
+    found = select_foba(
+        torch.zeros(0, 0), torch.zeros(2, 0, 3), energy, max_lobes=max_lobes, min_gain=0.01
+    )
+    assert torch.equal(found.error, energy)
+    assert bool((found.index == -1).all()) and not bool(found.weights.any())
+    assert found.status.tolist() == [Status.CONVERGED] * 2

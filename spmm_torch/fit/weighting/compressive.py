@@ -33,11 +33,16 @@ from ..glossy.objective import Objective
 def compression(
     btf: BTF, objective: Objective, device: torch.device, ranks: Ranks = ALONE
 ) -> Compression | None:
-    """What an objective makes of values, by one pass over them; None where it takes them as are."""
+    """What an objective makes of values, by one pass over them; None where it takes them as are.
+
+    Black values are taken so by every objective.
+    """
     if objective.plain:
         return None
     apart = btf.names is not None and btf.texel_count > 1
     size = mean_values(btf, device, ranks, apart=apart)  # [D]
+    if not bool((size > 0.0).any()):  # of black values none is brighter than another
+        return None
     every = torch.ones(len(size), dtype=torch.bool)
     measured = every if btf.measured is None else btf.measured
     error, listed = objective.error, isinstance(btf, PairedBTF)
