@@ -17,6 +17,7 @@ from .search.bank import SHAPES
 from .search.joint import BATCH_ROWS, CPU_JACOBIAN_VALUES
 from .search.lobes import bank_normals
 from .select.alternate import CPU_TEXELS, SELECT_BYTES
+from .select.clusters import PILOTS
 
 FLOAT = 4
 # Modules that stages load, and what the heap keeps for later.
@@ -54,10 +55,10 @@ def working_bytes(
     block = FLOAT * BLOCK_COPIES * _block_values(btf, device)
     search = _search(btf, config, samples)
     atoms = FLOAT * btf.pair_count * found
-    copies = 1 if config.weights == WeightsConfig() and btf.missing is None else WEIGHTED_COPIES
+    uniform = config.weights == WeightsConfig(error="l2", floor=config.weights.floor)
+    copies = 1 if uniform and btf.missing is None else WEIGHTED_COPIES
     dictionary = (2 + copies) * atoms
-    own = found if config.dictionary.scope == "all" else found // config.cluster.count
-    select = copies * atoms + block + SELECT_BYTES * min(CPU_TEXELS, btf.texel_count) * own
+    select = copies * atoms + block + SELECT_BYTES * _choices(btf, config, found)
     refit = _refit(btf, config, found)
     return LATER + max(block, _relief(btf, config), search, dictionary, select, refit)
 
@@ -66,6 +67,16 @@ def _block_values(btf: BTF, device: torch.device) -> int:
     """Values of the blocks in which all texels are passed over."""
     texels = min(btf.texel_count, block_texels(btf, device))
     return texels * btf.pair_count * btf.channels
+
+
+def _choices(btf: BTF, config: FitConfig, found: int) -> int:
+    """Texels times the lobes that they choose from, of one block of a cluster."""
+    texels, pilot = min(CPU_TEXELS, btf.texel_count), config.select.pilot
+    own = found // config.cluster.count
+    if config.dictionary.scope == "cluster":
+        return texels * own
+    whole = texels if pilot is None else min(texels, PILOTS * pilot)
+    return max(whole * found, texels * own)
 
 
 def _search(btf: BTF, config: FitConfig, samples: int) -> int:

@@ -125,6 +125,25 @@ def test_ggx_counts_where_the_data_may_ask_for_it() -> None:
     assert need("weights.error=l2") < need("weights.error=l2", eight)
 
 
+def test_every_texel_may_choose_from_a_shared_dictionary() -> None:
+    """Where no pilot chooses for all, and a dictionary of all clusters is none of one."""
+    source, base = btf(128, 40), FitConfig().override(["cluster.count=4", "select.pilot=null"])
+    flat = base.override(["relief.mode=off", "residual.rank=0", "storage.weights=float32"])
+    many = flat.override(["sample.per_cluster=256"])
+
+    def need(config: FitConfig, scope: str) -> int:
+        return estimate(source, config.override([f"dictionary.scope={scope}"]), CPU).working_bytes
+
+    assert need(many, "shared") > 2 * need(many, "cluster")
+
+
+def test_data_that_may_be_glossy_count_their_weights() -> None:
+    source = btf(32, 80)
+    flat = FitConfig().override(["relief.mode=off", "residual.rank=0", "sample.per_cluster=256"])
+    plain = flat.override(["weights.error=l2"])
+    assert estimate(source, plain, CPU).working_bytes < estimate(source, flat, CPU).working_bytes
+
+
 def test_streamed_values_are_neither_decoded_nor_kept() -> None:
     kept, streamed = (estimate(btf(400, 80, s), FitConfig(), CPU) for s in (False, True))
     assert streamed.decoded_bytes == 0
