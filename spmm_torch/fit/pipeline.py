@@ -11,6 +11,7 @@ from ..config.fit import FitConfig
 from ..data import BTF, obeying
 from ..data.error_weights import Weights
 from ..data.scattered_btf import ScatteredBTF
+from ..errors import ConfigError
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
 from ..report.contract import Report
@@ -90,6 +91,7 @@ def fit(
     btf = obeying(btf, config.data, config.seed)
     with torch.no_grad(), full_precision(), context.watch("total"):
         if isinstance(btf, ScatteredBTF):
+            _check_uniform(weights)
             solved, pictures = fit_samples(btf, config, context), None
         else:
             solved = _fit_grid(btf, config, context, weights)
@@ -122,6 +124,15 @@ def fit(
     return FitResult(solved.model, figures, info, pictures)
 
 
+def _check_uniform(weights: Weights | None) -> None:
+    """Refuses weights of pairs or texels of scattered samples, which have no grid of them."""
+    if weights is not None and not weights.uniform:
+        raise ConfigError(
+            "weights of errors were given to a fit of scattered samples; expected None, as they "
+            "need a grid of lights and views; leave them out."
+        )
+
+
 def _fit_grid(btf: BTF, config: FitConfig, context: Context, weights: Weights | None) -> Solved:
     """The fit of a BTF; unrelated materials are fit kind by kind."""
     parts = posed_apart(load(btf, config, context, weights), config)
@@ -145,7 +156,7 @@ def _solve(problem: Problem) -> Solved:
     return Solved(
         model=assemble(problem, clusters, mixtures, refit),  # Eq. 2
         totals=refit.totals.times(problem.unit**-2),
-        weighted=refit.weighted,
+        weighted=refit.weighted and refit.weighted.times(problem.unit**-2),
         objectives=(problem.objective,),
         starts=found.starts,
         solvers=StatusCounts.sum(part.solvers for part in (clusters, samples, found, *fits, refit)),

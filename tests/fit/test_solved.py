@@ -49,6 +49,8 @@ MATERIALS = (
     samples(lobe(1.5 * WIDTH, METAL_F0)),
     samples(lobe(0.012, DIELECTRIC_F0)),
 )
+# Beside this peak, two lobes have no room for the body.
+LOST = samples(lobe(1.2 * WIDTH, 0.5), 0.0) + samples(lobe(3.0 * WIDTH, 0.04), 0.003)
 KINDS = {MATT: [0, 2], DIELECTRIC: [1, 5], METAL: [3], PLAIN: [4]}
 
 
@@ -76,9 +78,7 @@ def test_the_kinds_are_found() -> None:
     found = kinds(btf, FitConfig(), CPU)
     assert {kind.name: kind.texels.tolist() for kind in found} == KINDS
     assert [len(kind.texels) for kind in found] == [2, 2, 1, 1]
-    # Beside this peak, two lobes have no room for the body.
-    lost = samples(lobe(1.2 * WIDTH, 0.5), 0.0) + samples(lobe(3.0 * WIDTH, 0.04), 0.003)
-    pair = kinds(named(MATERIALS[4], lost), FitConfig.from_dict(TWO_LOBES), CPU)
+    pair = kinds(named(MATERIALS[4], LOST), FitConfig.from_dict(TWO_LOBES), CPU)
     assert {kind.name: kind.texels.tolist() for kind in pair} == {PLAIN: [0], GLOSSY: [1]}
     part = found[0].part(btf)
     assert part.names == tuple(f"material {texel}" for texel in found[0].texels.tolist())
@@ -104,6 +104,21 @@ def test_one_model_has_the_errors_of_its_parts() -> None:
     assert set(result.report["objective"]["error"].split(", ")) >= {"l2", "cube-root"}
     loaded = SPMM.from_tensors(*result.model.to_tensors())
     assert texel_snr(loaded, MATERIALS[5], 5) == texel_snr(result.model, MATERIALS[5], 5)
+
+
+@pytest.mark.slow
+def test_errors_by_weight_are_in_the_unit_of_the_input() -> None:
+    """Those of weighted kinds were in the unit of the fit, beside others in that of the values."""
+    search = {"max_lobes": 2, "exchanges": 0, "restarts": 1, "bank_normals": 8}
+    search |= {"models": ["lambertian", "cook_torrance"]}
+    config, materials = FitConfig.from_dict({"search": search}), (matt(0.2), LOST)
+    known, found = (
+        fit(named(*(unit * values for values in materials)), config, render=False).report
+        for unit in (1.0, 1e-25)
+    )
+    assert known["objective"]["error"] == found["objective"]["error"] == "l2, balanced"
+    wanted = pytest.approx(known["weighted_snr_db"]["without_residual"], abs=0.1)
+    assert found["weighted_snr_db"]["without_residual"] == wanted
 
 
 def test_a_material_is_no_worse_than_alone() -> None:

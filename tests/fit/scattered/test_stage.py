@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from spmm_torch import SPMM, FitConfig, load_btf
+from spmm_torch.data.error_weights import Weights
 from spmm_torch.errors import ConfigError
 from spmm_torch.evaluate.sample_errors import sample_errors
 from spmm_torch.fit import FitResult, fit
@@ -132,9 +133,32 @@ def test_settings_that_need_a_grid_are_refused(
         quick(save_samples(tmp_path / "a.npz", 1, 20), **settings)
 
 
+def test_weights_of_a_grid_are_refused(tmp_path: Path) -> None:
+    """They were left out without a word."""
+    btf = load_btf(save_samples(tmp_path / "a.npz", 2, 20))
+    weights = Weights(texel=torch.tensor([1.5, 0.5]))
+    with pytest.raises(ConfigError, match="weights of errors were given to a fit of scattered"):
+        fit(btf, FitConfig.from_dict(QUICK), weights=weights, render=False)
+
+
+@pytest.mark.parametrize("error", ["auto", "cube-root"])
+def test_a_black_texel_beside_others(tmp_path: Path, error: str) -> None:
+    """Its weights were infinite, and were refused as if they had been given."""
+    path = save_samples(tmp_path / "a.npz", 2, 300)
+    arrays = dict(np.load(path))
+    arrays["rgb"][arrays["texel"] == 1] = 0.0
+    np.savez(path, allow_pickle=False, **arrays)
+    model = quick(path, weights={"error": error}).model
+    assert held_out(model, 0) > 40.0
+    wi, wo = random_pairs(100, 99)
+    with torch.no_grad():
+        assert not bool(model(torch.tensor([[0.75, 0.5]]).expand(100, 2), wi, wo).any())
+
+
 def test_errors_of_values_and_of_cube_roots_count_unless_the_settings_say_otherwise() -> None:
     for asked, error in (("auto", "balanced"), ("log", "log"), ("l2", "l2")):
         config = FitConfig.from_dict({"weights": {"error": asked}})
-        assert Objective.of_lists(config).error == error
+        found = Objective.of_lists(config)
+        assert (found.error, found.chosen) == (error, asked == "auto")
     paper = FitConfig.from_dict({"search": {"method": "stagewise"}})
     assert Objective.of_lists(paper).error == "l2"
