@@ -10,9 +10,11 @@ from torch.nn.functional import interpolate
 from ..config.fit import DataConfig, FitConfig
 from ..data.btf import BTF
 from ..data.readers import obeying
+from ..data.scattered_btf import ScatteredBTF
 from ..errors import ConfigError
 from ..model.pyramid import Pyramid
 from .pipeline import fit
+from .weighting import given_weights
 
 
 def fit_pyramid(btf: BTF, config: FitConfig | None = None, levels: int | None = None) -> Pyramid:
@@ -37,12 +39,34 @@ def fit_pyramid(btf: BTF, config: FitConfig | None = None, levels: int | None = 
             f"the texels of {btf.name} are materials of their own; expected a texture, whose "
             f"neighbours have a mean; fit the materials by `fit`."
         )
+    _check_levels(btf, config, levels)
     config = replace(config, data=DataConfig())  # what it asks for has been taken
     models = [fit(btf, config, render=False).model]
     while min(btf.height, btf.width) > 1 and len(models) != levels:
         btf = halved(btf)
         models.append(fit(btf, config, render=False).model)
     return Pyramid(models)
+
+
+def _check_levels(btf: BTF, config: FitConfig, levels: int | None) -> None:
+    """Refuses what no level under the finest can have, before that one is fit."""
+    if levels == 1 or min(btf.height, btf.width) == 1:
+        return
+    if isinstance(btf, ScatteredBTF):
+        raise ConfigError(
+            f"{btf.name} holds scattered samples; expected a grid of lights and views for a "
+            f"pyramid, whose levels are means of pictures; fit the samples by `fit`."
+        )
+    weights, kept = config.weights, []
+    if config.relief.height is not None:
+        kept.append("relief.height")
+    if weights.file is not None and given_weights(btf, weights).texel is not None:
+        kept.append("texel of weights.file")
+    if kept:
+        raise ConfigError(
+            f"{' and '.join(kept)} of the settings is for {btf.width} x {btf.height} texels; "
+            f"expected none for a pyramid, whose levels have fewer and fewer; leave it out."
+        )
 
 
 def halved(btf: BTF) -> BTF:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 from skimage.transform import downscale_local_mean
 
 from spmm_torch import BTF, ConfigError, FitConfig
+from spmm_torch.data.scattered_btf import ScatteredBTF
 from spmm_torch.fit.pyramid import fit_pyramid, halved
 from spmm_torch.geometry.directions import ring_directions
 from tests.fit.test_units import SETTINGS
@@ -39,6 +43,22 @@ def test_levels_are_fit_to_means() -> None:
     for texels, expected in ((2.0, 0.5), (4.0, 0.5)):
         found = pyramid(torch.tensor([0.3, 0.7]), above, above, torch.tensor(texels / 4))
         torch.testing.assert_close(found * torch.pi, torch.full((3,), expected), rtol=0.02, atol=0)
+
+
+def test_what_has_the_size_of_the_finest_level_is_refused_at_once(tmp_path: Path) -> None:
+    """The second level refused it, once the finest one had been fit."""
+    btf, texel = random_btf(RINGS, 4, 4), tmp_path / "weights.npz"
+    np.savez(texel, allow_pickle=False, texel=np.ones((4, 4)))
+    for settings, name in (
+        ({"relief": {"height": "h.png"}}, "relief.height"),
+        ({"weights": {"file": str(texel)}}, "texel of weights.file"),
+    ):
+        with pytest.raises(ConfigError, match=f"^{name} of the settings is for 4 x 4 texels; "):
+            fit_pyramid(btf, FitConfig.from_dict(settings))
+    samples = ScatteredBTF.from_samples(RINGS, RINGS, torch.rand(4, len(RINGS), 3))
+    samples = replace(samples, names=None, height=2, width=2)
+    with pytest.raises(ConfigError, match="scattered samples; expected a grid"):
+        fit_pyramid(samples)
 
 
 def test_a_number_of_levels_is_kept_or_refused() -> None:
