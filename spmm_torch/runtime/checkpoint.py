@@ -21,6 +21,8 @@ from .stopwatch import Stopwatch
 
 # Keys of the metadata: seconds by stage, as JSON, what the result depends on, and a hash of it.
 SECONDS, DEPENDS_ON, CONTENT = "seconds", "depends_on", "content"
+# Stage of the stopwatch that all others are part of.
+TOTAL = "total"
 # What a file raises that holds something else than its stage expects.
 MISFITS = (OutputError, KeyError, ValueError, TypeError, RuntimeError, IndexError)
 
@@ -73,12 +75,16 @@ class Checkpoint:
         found = self._found(name, kind)
         if found is not None:
             result, seconds = found
-            for stage, spent in {**seconds, "total": math.fsum(seconds.values())}.items():
+            for stage, spent in {**seconds, TOTAL: math.fsum(seconds.values())}.items():
                 self.watch.seconds[stage] = self.watch.seconds.get(stage, 0.0) + spent
             return result
+        if self.folder is None:
+            return compute()
+        self.watch.count_up()  # of stages that began before, and go on
         before = dict(self.watch.seconds)
         result = compute()
-        spent = {k: v - before.get(k, 0.0) for k, v in self.watch.seconds.items()}
+        self.watch.count_up()
+        spent = {k: v - before.get(k, 0.0) for k, v in self.watch.seconds.items() if k != TOTAL}
         self.ranks.first(lambda: self._keep(name, result, spent))
         return result
 
@@ -94,8 +100,7 @@ class Checkpoint:
             return None
 
     def _keep(self, name: str, result: Stored, spent: dict[str, float]) -> None:
-        if self.folder is None:
-            return
+        assert self.folder is not None
         tensors = {name: part.detach().cpu() for name, part in result.to_tensors().items()}
         facts = {
             SECONDS: json.dumps(spent),

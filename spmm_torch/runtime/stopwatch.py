@@ -11,6 +11,14 @@ from typing import Self
 import torch
 
 
+@dataclass(eq=False)
+class _Block:
+    """A block of code whose seconds up to `since` have been added to those of its stage."""
+
+    stage: str
+    since: float
+
+
 @dataclass
 class Stopwatch:
     """Adds up the time spent in named stages; on a GPU it waits for queued work.
@@ -24,16 +32,26 @@ class Stopwatch:
     device: torch.device
     seconds: dict[str, float] = field(default_factory=dict)
     fraction: float = 1.0
+    _running: list[_Block] = field(default_factory=list, repr=False)
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Times the block under `with` as part of a stage."""
-        start = perf_counter()  # no work is queued: the block before has waited for its own
+        block = _Block(stage, perf_counter())  # no work is queued: the last block has waited
+        self._running.append(block)
         try:
             yield
         finally:
-            self._wait()
-            self._add(stage, self.fraction * (perf_counter() - start))
+            self.count_up()
+            self._running.remove(block)
+
+    def count_up(self) -> None:
+        """Adds what the running blocks have taken so far to the seconds of their stages."""
+        self._wait()
+        now = perf_counter()
+        for block in self._running:
+            self._add(block.stage, self.fraction * (now - block.since))
+            block.since = now
 
     def one_of(self, count: int) -> Self:
         """A stopwatch for one of `count` pieces of work that run at the same time."""

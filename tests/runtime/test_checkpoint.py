@@ -103,6 +103,17 @@ def test_seconds_outlast_the_process(tmp_path: Path) -> None:
     assert again.seconds["total"] == pytest.approx(sum(watch.seconds.values()))
 
 
+def test_seconds_of_a_stage_that_goes_on_outlast_the_process(tmp_path: Path) -> None:
+    """Passes of the refit are kept one by one, within a stage that ends after them."""
+    watch, again = Stopwatch(CPU), Stopwatch(CPU)
+    with watch("total"), watch("refit"):
+        checkpoint(tmp_path, watch).once("pass", Numbers, Stage(watch, "pass"))
+    checkpoint(tmp_path, again).once("pass", Numbers, Stage())
+    assert again.seconds["pass"] == watch.seconds["pass"]
+    assert watch.seconds["pass"] <= again.seconds["refit"] <= watch.seconds["refit"]
+    assert again.seconds["total"] == again.seconds["pass"] + again.seconds["refit"]
+
+
 def test_a_file_that_a_kill_left_half_written_is_ignored(tmp_path: Path) -> None:
     unfinished = ".a.safetensors.1.tmp"
     (tmp_path / unfinished).write_bytes(b"half")

@@ -34,6 +34,13 @@ def test_nested_stages_both_count(watch: Stopwatch) -> None:
     assert watch.seconds == {"load": 1.0, "total": 3.0}
 
 
+def test_running_stages_can_be_counted_up(watch: Stopwatch) -> None:
+    with watch("total"), watch("refit"):
+        watch.count_up()
+        assert watch.seconds == {"total": 2.0, "refit": 1.0}
+    assert watch.seconds == {"total": 4.0, "refit": 2.0}
+
+
 def test_failed_stages_count(watch: Stopwatch) -> None:
     with pytest.raises(ValueError, match="no"), watch("load"):
         raise ValueError("no")
