@@ -67,8 +67,11 @@ class CorrectiveSearch:
     @cached_property
     def energy(self) -> Tensor:
         """Error of each sample without lobes, its squared norm where errors are, `[S]` float64."""
-        if self.exact is not None:
-            return self.exact.energy()
+        return self.squared_norm if self.exact is None else self.exact.energy()
+
+    @cached_property
+    def squared_norm(self) -> Tensor:
+        """Squared norm of each sample, `[S]` float64."""
         return (self.signals * self.signals).sum((1, 2), dtype=torch.float64)
 
     def run(self, advance: Advance) -> Mixtures:
@@ -181,7 +184,7 @@ class CorrectiveSearch:
         chosen = select_foba(
             atoms @ atoms.T,
             (signals @ atoms.T).transpose(1, 2),
-            self.energy[rows],
+            self.squared_norm[rows],
             max_lobes=self.config.max_lobes,
             min_gain=self.config.min_gain,
         )

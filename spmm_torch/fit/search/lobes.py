@@ -73,16 +73,19 @@ def find_lobes(
     signals = problem.signals(samples.texels)  # [S, C, D]
     peak, width = problem.objective.peak, search.min_width * grid.spacing
     scene = _Scene(problem, grid, signals, Feasible.build(width).to(grid.light))
+    energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     if search.method == "stagewise":
         mixtures, counts = _stagewise(scene, generator, advance)
     else:
-        mixtures, counts = _corrective(scene, samples, advance)
+        exact = _exact(scene, samples)
+        mixtures, counts = _corrective(scene, exact, advance)
+        energy = energy if exact is None else exact.energy()
     used = _used(mixtures)
     if peak is None:
         lobes = grid.decode(mixtures.model[used], mixtures.coordinates[used])
     else:
         lobes = held(mixtures, grid, peak, width)[used.flatten()]
-    return _found(lobes, mixtures, samples.clusters, signals, counts)
+    return _found(lobes, mixtures, samples.clusters, energy, counts)
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,9 @@ def _stagewise(
     return finder.run(advance), finder.counts
 
 
-def _corrective(scene: _Scene, samples: Samples, advance: Advance) -> tuple[Mixtures, StartCounts]:
+def _corrective(
+    scene: _Scene, exact: ExactErrors | None, advance: Advance
+) -> tuple[Mixtures, StartCounts]:
     """The default search; of several starts each sample keeps the best."""
     search, starts = scene.problem.config.search, _starts(scene)
     fine = Feasible.build(EXACT_WIDTH * search.min_width * scene.grid.spacing).to(scene.grid.light)
@@ -138,7 +143,7 @@ def _corrective(scene: _Scene, samples: Samples, advance: Advance) -> tuple[Mixt
     if len(known) and not scene.problem.objective.unresolved:
         starts = starts[:1]  # few lobes of the first make all signals
     bounds = fine if len(known) else scene.feasible
-    exact, counts = _exact(scene, samples), StartCounts()
+    counts = StartCounts()
     advance = _in_parts(advance, len(starts))
     best: Mixtures | None = None
     for start in starts:
@@ -213,12 +218,14 @@ def _found(
     lobes: LobeBatch,
     mixtures: Mixtures,
     clusters: Tensor,
-    signals: Tensor,
+    energy: Tensor,
     counts: StartCounts,
 ) -> FoundLobes:
-    """The lobes with a weight above 0, and the relative error of the sample of each."""
+    """The lobes with a weight above 0, and the relative error of the sample of each.
+
+    Samples have an error of `energy [S]` without any lobe.
+    """
     host = _used(mixtures).cpu()
-    energy = (signals * signals).sum((1, 2), dtype=torch.float64)
     error = mixtures.loss / energy.clamp(min=torch.finfo(energy.dtype).tiny)
     cluster, error = (x.cpu()[:, None].expand(host.shape)[host] for x in (clusters, error))
     return FoundLobes(lobes, cluster, error, counts.to_tensor(), counts.solvers)
