@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from ...brdf import MODEL_NAMES
+from ...geometry.directions import half_vectors
 from ...lobes.batch import COORDINATES, Feasible, LobeBatch
 from ...lobes.grid import SAME_LOBE, DirectionGrid, distinct
 from ...solvers.varpro import DAMPING_START, damped_step, next_damping
@@ -164,18 +165,19 @@ def music_lobes(signals: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feas
     """Lobes in the subspace of signals `[N, D]` [Sch86]; none where that is not a small one."""
     space = signal_subspace(signals)
     if len(space):
-        bank = bank.joined(_peaks(space, grid, bank, feasible))
+        bank = _with_peaks(space, grid, bank, feasible)
     return MusicSearch(grid, bank, feasible, space).run()
 
 
-def _peaks(space: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible) -> Bank:
-    """Candidates of narrow lobes whose normals are the half vectors of the pairs of most leverage.
+def _with_peaks(space: Tensor, grid: DirectionGrid, bank: Bank, feasible: Feasible) -> Bank:
+    """A bank with narrow lobes whose normals are the half vectors of the pairs of most leverage.
 
     A lobe that few pairs see peaks between the normals of any fixed bank.
     """
-    leverage = space.square().sum(0)  # [D]
-    light, view = grid.at(leverage.topk(min(PEAKS, len(leverage))).indices)
-    half = torch.nn.functional.normalize(light + view, dim=1)
     used = {MODEL_NAMES[index] for index, _ in bank.by_model}
     shapes = {name: rows for name, rows in PEAK_SHAPES.items() if name in used}
-    return bank_at(grid, shapes, half, feasible) if shapes else bank
+    if not shapes:
+        return bank
+    leverage = space.square().sum(0)  # [D]
+    half = half_vectors(*grid.at(leverage.topk(min(PEAKS, len(leverage))).indices))
+    return bank.joined(bank_at(grid, shapes, half, feasible))

@@ -2,7 +2,7 @@
 
 Every iteration finds the lobe that correlates best with the residual of each sample and channel
 (Eq. 5), keeps that of the channel with the highest correlation, and moves weights by eta, forward
-or backward. All samples, channels, models and starts are one batch.
+or backward. All samples, channels and starts of a model are one batch.
 """
 
 from __future__ import annotations

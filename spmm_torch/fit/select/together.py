@@ -117,7 +117,7 @@ def _open_lobes(
         for cluster, members in enumerate(clusters.members)
         if size is not None and len(members) > PILOTS * size
     ]
-    shared = all(len(choice) == len(atoms) for choice in dictionary.choices)
+    shared = dictionary.is_shared
     if shared and not large:
         return None, StatusCounts.none()
     allowed = torch.zeros(len(clusters.members), len(atoms), dtype=torch.bool)
