@@ -14,7 +14,7 @@ from ..data.error_weights import Weights
 from ..data.units import scaled, unit_of
 from ..runs.fingerprint import fingerprint, key_of
 from ..runtime.context import Context
-from .glossy.kinds import kinds
+from .glossy.kinds import has_kinds, kinds
 from .glossy.objective import Objective
 from .plan import estimate
 from .problem import Problem
@@ -68,10 +68,14 @@ def load(btf: BTF, config: FitConfig, context: Context, weights: Weights | None)
     return Loaded(scaled(btf, unit), weights, context, unit)
 
 
-def posed(loaded: Loaded, config: FitConfig) -> Problem:
-    """The problem that the other stages solve."""
+def posed(loaded: Loaded, config: FitConfig, suited: str | None = None) -> Problem:
+    """The problem that the other stages solve, by the errors that are `suited`, where they count.
+
+    See `Objective.of`.
+    """
     btf, context = loaded.btf, loaded.context
-    objective = Objective.of(btf, config, context.device)
+    with context.watch("objective"):
+        objective = Objective.of(btf, config, context.device, suited)
     if told := objective.describe():
         context.progress.say(told)
     compressed = compression(btf, objective, context.device, context.ranks)
@@ -86,17 +90,23 @@ def posed_apart(loaded: Loaded, config: FitConfig) -> list[tuple[Tensor, Problem
 
     Those of several keep no finished stages.
     """
-    parts = kinds(loaded.btf, config, loaded.context.device)
-    if len(parts) == 1 or not loaded.weights.uniform_but_for(loaded.btf.measured):
-        return [(torch.arange(loaded.btf.texel_count), posed(loaded, config))]
+    btf, context = loaded.btf, loaded.context
+    every = torch.arange(btf.texel_count)
+    if not has_kinds(btf, config) or not loaded.weights.uniform_but_for(btf.measured):
+        return [(every, posed(loaded, config))]
+    stage = context.progress.stage("objective", btf.texel_count, "materials")
+    with context.watch("objective"), stage as advance:
+        parts = kinds(btf, config, context.device, advance)
+    if len(parts) == 1:
+        return [(every, posed(loaded, config, parts[0].suited))]
     told = ", ".join(f"{len(part.texels)} {part.name}" for part in parts)
-    loaded.context.progress.say(f"materials of one kind are fit together: {told}")
-    context = replace(loaded.context, state=None)
+    context.progress.say(f"materials of one kind are fit together: {told}")
+    context = replace(context, state=None)
     problems = []
     for part in parts:
-        own = part.part(loaded.btf)
+        own = part.part(btf)
         one = replace(loaded, btf=own, weights=Weights.build(own), context=context)
-        problems.append((part.texels, posed(one, config)))
+        problems.append((part.texels, posed(one, config, part.suited)))
     return problems
 
 

@@ -17,6 +17,7 @@ from ...data.blocks import block_texels
 from ...data.pair_lists import ListStore
 from ...lobes.grid import DirectionGrid
 from ...runtime.memory import slices
+from ...runtime.progress import Advance
 from .compression import BALANCED, L2
 from .measure import is_glossy
 from .peaks import unresolved
@@ -44,6 +45,11 @@ class Kind:
     name: str
     texels: Tensor
 
+    @property
+    def suited(self) -> str | None:
+        """The errors that suit them, if a trial has told."""
+        return next((error for error, name in BY_ERROR.items() if name == self.name), None)
+
     def part(self, btf: BTF) -> BTF:
         """The BTF of these materials alone, in memory."""
         store = ListStore(btf.texels(self.texels))
@@ -51,18 +57,21 @@ class Kind:
         return replace(own, open_store=lambda part, loading: store, cosine_missing=False)
 
 
-def kinds(btf: BTF, config: FitConfig, device: torch.device) -> list[Kind]:
-    """The kinds of materials, most of them first; one where texels are a texture.
+def has_kinds(btf: BTF, config: FitConfig) -> bool:
+    """Whether texels are unrelated materials, and the settings leave open what to minimize."""
+    plain = config.weights.error != "auto" or config.search.method == "stagewise" or config.auto
+    return btf.names is not None and btf.texel_count > 1 and not plain
+
+
+def kinds(btf: BTF, config: FitConfig, device: torch.device, advance: Advance) -> list[Kind]:
+    """The kinds of unrelated materials, most of them first.
 
     Args:
         btf: decoded.
-        config: of the fit; where it says what to minimize, that is for all.
+        config: of the fit.
         device: of the computation.
+        advance: called with the number of materials whose kind has become known.
     """
-    every = Kind(MATT, torch.arange(btf.texel_count))
-    plain = config.weights.error != "auto" or config.search.method == "stagewise" or config.auto
-    if btf.names is None or btf.texel_count == 1 or plain:
-        return [every]
     grid = DirectionGrid.build(btf.light, btf.view, device)
     width = config.search.min_width * grid.spacing
     names = [
@@ -70,7 +79,8 @@ def kinds(btf: BTF, config: FitConfig, device: torch.device) -> list[Kind]:
         for block in slices(btf.texel_count, block_texels(btf, device))
         for value in btf.signals(block, device)
     ]
-    names = _with_trial(names, btf, grid, config, device)
+    advance(len(names) - names.count(GLOSSY))
+    names = _with_trial(names, btf, grid, config, device, advance)
     found = [
         Kind(name, torch.tensor([texel for texel, own in enumerate(names) if own == name]))
         for name in dict.fromkeys(names)
@@ -89,7 +99,12 @@ def _kind(grid: DirectionGrid, value: Tensor, width: float) -> str:
 
 
 def _with_trial(
-    names: list[str], btf: BTF, grid: DirectionGrid, config: FitConfig, device: torch.device
+    names: list[str],
+    btf: BTF,
+    grid: DirectionGrid,
+    config: FitConfig,
+    device: torch.device,
+    advance: Advance,
 ) -> list[str]:
     """The kinds of all materials, where the glossy ones are apart by the errors that suit them."""
     glossy = torch.tensor([place for place, name in enumerate(names) if name == GLOSSY])
@@ -98,4 +113,5 @@ def _with_trial(
         errors = best_errors(grid, btf.signals(some, device), config.search)
         for place, error in zip(some.tolist(), errors, strict=True):
             told[place] = BY_ERROR[error]
+        advance(len(some))
     return told

@@ -53,8 +53,17 @@ class Objective:
     pair: Tensor | None = None
 
     @classmethod
-    def of(cls, btf: BTF, config: FitConfig, device: torch.device) -> Objective:
-        """The objective of a fit, by the settings and some of the texels."""
+    def of(
+        cls, btf: BTF, config: FitConfig, device: torch.device, suited: str | None = None
+    ) -> Objective:
+        """The objective of a fit, by the settings and some of the texels.
+
+        Args:
+            btf: decoded.
+            config: of the fit.
+            device: of the computation.
+            suited: errors that suit glossy texels whose peaks are resolved; None: a trial tells.
+        """
         error, chosen = config.weights.error, config.weights.error == "auto"
         if error == "l2" or (chosen and config.search.method == "stagewise"):
             return cls()
@@ -71,7 +80,7 @@ class Objective:
             share = (upright.width / width) ** 2
             pair = torch.where(peak_pairs(grid, width), share, 1.0).cpu()
         if chosen and peak is None:
-            error = best_error(grid, values, config.search)
+            error = suited or best_error(grid, values, config.search)
         elif chosen:
             error = "cube-root"
         return cls(error, chosen, width, peak, pair)
