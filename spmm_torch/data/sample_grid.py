@@ -67,10 +67,12 @@ def grid_of(samples: Samples, mask: bool, path: Path) -> Grid | None:
     _check_finite(samples.wi, f"'wi' of {path}")
     view, at_view = _distinct(samples.wo)
     light, at_light = _distinct(samples.wi)
-    count = len(view) * len(light)
-    if not 0 < count <= min(MAX_PAIRS, len(samples.rgb) / LEAST_FILL):
+    count, texels = len(view) * len(light), math.prod(samples.size)
+    # Every texel needs a sample at that part of the pairs: fewer samples are refused before
+    # anything is made for each pair of each texel.
+    if not 0 < count <= min(MAX_PAIRS, len(samples.rgb) / (LEAST_FILL * texels)):
         return None
-    shape = (len(view), len(light), math.prod(samples.size))
+    shape = (len(view), len(light), texels)
     place = np.ravel_multi_index((at_view, at_light, samples.texel), shape)
     number = np.bincount(place, minlength=math.prod(shape))
     lacking = (number == 0).reshape(shape)  # [V, L, T]
