@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
@@ -43,7 +44,7 @@ def _units(directions: Tensor, where: str) -> Tensor:
             f"{where} has shape {list(directions.shape)}; expected [N, 3] with N of at least 1; "
             f"store one unit vector per direction."
         )
-    exact = directions.double()  # [N, 3]
+    exact = directions.to(torch.float64, copy=True)  # [N, 3]; the caller's stay as they are
     length = exact.norm(dim=-1)  # [N]
     _refuse(
         ~(length.isfinite() & (length > 0.0)),
