@@ -185,10 +185,21 @@ def _parquet(path: Path) -> dict[str, np.ndarray]:
             f"texel where there is more than one; rename them."
         )
     arrays = {
-        key: np.stack([columns[name].astype(np.float64) for name in names], axis=1)
+        key: np.stack([_numbers(columns[name], name, path) for name in names], axis=1)
         for key, names in COLUMNS.items()
     }
     return arrays | {key: columns[key] for key in ("texel",) if key in columns}
+
+
+def _numbers(column: np.ndarray, name: str, path: Path) -> np.ndarray:
+    """A column `[N]` as float64."""
+    try:
+        return column.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(
+            f"column {name!r} of {path} cannot be read as numbers ({error}); expected a float for "
+            f"each sample; save it so."
+        ) from error
 
 
 def _checked(arrays: Mapping[str, np.ndarray], path: Path) -> Samples:

@@ -62,16 +62,24 @@ def test_samples_stay_where_they_lie(tmp_path: Path) -> None:
     check(save(tmp_path / "a.npz", make(PAIRS, 2)), 2)
 
 
-def test_parquet_is_the_same(tmp_path: Path) -> None:
+def save_parquet(path: Path, arrays: Mapping[str, np.ndarray], **changes: object) -> Path:
     pyarrow = pytest.importorskip("pyarrow", reason="needs the extra parquet")
     from pyarrow import parquet
 
-    arrays = make(PAIRS, 2)
-    columns = {
+    columns: dict[str, object] = {
         f"{key}_{axis}": arrays[key][:, i] for key in ("wi", "wo") for i, axis in enumerate("xyz")
     }
     columns |= {name: arrays["rgb"][:, i] for i, name in enumerate("rgb")}
-    parquet.write_table(pyarrow.table(columns | {"texel": arrays["texel"]}), tmp_path / "a.parquet")
+    columns |= {"texel": arrays["texel"]}
+    parquet.write_table(pyarrow.table(columns | changes), path)
+    return path
+
+
+def test_parquet_is_the_same(tmp_path: Path) -> None:
+    save_parquet(tmp_path / "a.parquet", make(PAIRS, 2))
+    import pyarrow
+    from pyarrow import parquet
+
     check(tmp_path / "a.parquet", 2)
     parquet.write_table(pyarrow.table({"wi_x": [1.0]}), tmp_path / "b.parquet")
     with pytest.raises(DataError, match="lacks the columns wi_y, wi_z, wo_x"):
@@ -79,6 +87,18 @@ def test_parquet_is_the_same(tmp_path: Path) -> None:
     (tmp_path / "c.parquet").write_bytes((tmp_path / "a.parquet").read_bytes()[:50])
     with pytest.raises(DataError, match=r"c.parquet cannot be read .* copy it again"):
         load_btf(tmp_path / "c.parquet")
+
+
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [("wo_y", ["up"] * 6), ("g", [[0.1, 0.2]] * 6), ("b", [{"x": 0.1}] * 6), ("texel", ["0"] * 6)],
+)
+def test_parquet_columns_that_are_no_numbers_are_named(
+    tmp_path: Path, name: str, column: list[object]
+) -> None:
+    path = save_parquet(tmp_path / "a.parquet", make(PAIRS), **{name: column})
+    with pytest.raises(DataError, match=f"'{name}' of .*a.parquet .*; expected .*; save it so"):
+        load_btf(path)
 
 
 def test_parquet_without_its_package_says_so(
