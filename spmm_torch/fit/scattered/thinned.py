@@ -35,7 +35,7 @@ def thinned(
     chance = _chances(pairs.values, count)
     order = torch.randperm(len(chance), generator=generator)
     run = chance[order].cumsum(0) + torch.rand((), generator=generator, dtype=torch.float64)
-    drawn = order[torch.cat((run.new_ones(1), run)).floor().diff() > 0.0].sort().values
+    drawn = order[torch.cat((run.new_zeros(1), run)).floor().diff() > 0.0].sort().values
     return pairs.at(drawn), 1.0 / chance[drawn]
 
 

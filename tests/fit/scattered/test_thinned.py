@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 
 from spmm_torch.data.pair_lists import PairList
@@ -34,3 +35,13 @@ def test_sums_over_those_drawn_are_those_over_all() -> None:
         total = (weight[None, :, None] * found.values.double()).sum()
         assert abs(float(total / whole.values.double().sum()) - 1.0) < 0.05
         assert torch.unique(found.wi, dim=0).shape == found.wi.shape
+
+
+def test_the_first_of_the_random_order_is_drawn_as_the_others_are() -> None:
+    whole, count = long_list(40), 10
+    counts = []
+    for seed in range(400):
+        found, weight = thinned(whole, count, torch.Generator().manual_seed(seed))
+        assert float(found.values.max()) == 100.0, seed  # of chance 1, wherever it stands
+        counts.append(len(found.wi))
+    assert sum(counts) / len(counts) == pytest.approx(count, abs=0.01)
