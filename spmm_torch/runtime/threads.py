@@ -12,7 +12,8 @@ from typing import TypeVar
 import torch
 
 # A forked child has none of the threads of its parent, and waits for them for ever.
-os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))
+if hasattr(os, "register_at_fork"):  # Windows has no forks
+    os.register_at_fork(after_in_child=lambda: torch.set_num_threads(1))
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -1,4 +1,4 @@
-"""A fit without what Linux alone has: fcntl, resource, posix_fallocate, /proc, and a home."""
+"""A fit without what other systems lack: fcntl, resource, forks, posix_fallocate, /proc, a home."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spmm_torch.runtime import memory
 from spmm_torch.runtime.lock import locked
 from tests.locations import ROOT
 
-# What macOS or Windows lack is taken away before anything is imported.
+# What macOS or Windows lack is taken away before anything of the package is imported.
 WITHOUT = """
 import os, sys
 from pathlib import Path
@@ -27,6 +27,8 @@ for name in ("posix_fallocate", "sysconf", "getuid"):
     delattr(os, name)
 import warnings
 warnings.simplefilter("ignore")
+import torch  # asks whether the system is Windows, not whether the name is there
+del os.register_at_fork
 from spmm_torch.runtime import memory
 memory.MEMINFO = memory.STATUS = Path("/nowhere")
 memory.CGROUPS = ()
