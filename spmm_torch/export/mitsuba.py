@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..mitsuba.evaluation import PluginMaterial, plugin_variant
 from ..model.spmm import SPMM
+from ..runtime.atomic import write_atomic
 from ..runtime.progress import Progress
 from ..runtime.tensor_file import MODEL_FILE
 from .target import Exported, NoSettings
@@ -83,7 +84,7 @@ mi.util.write_bitmap(str(here / "picture.png"), picture)
 
 def write(place: Path, model: SPMM, settings: NoSettings, progress: Progress) -> Exported:
     """Writes scene, loader and model, and evaluates them by the plug-in; see `Target.write`."""
-    model.save(place)
+    write_atomic(place / MODEL_FILE, model.pack())  # errors name the export, not what is in it
     (place / SCENE_FILE).write_text(scene_of(model), encoding="utf-8")
     (place / LOADER).write_text(SCRIPT, encoding="utf-8")
     variant = plugin_variant()

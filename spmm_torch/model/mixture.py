@@ -16,7 +16,7 @@ from ..geometry.relief import steepest
 from ..lobes.batch import LobeBatch
 from ..lobes.sampling import LobeTable, lobe_intensity, specular_mask
 from ..runtime import tensor_file
-from ..runtime.atomic import write_atomic
+from ..runtime.atomic import new_file
 from ..runtime.device import plain_torch
 from . import bounds, file
 from .components import Components
@@ -116,8 +116,9 @@ class Mixture(nn.Module):
         Raises:
             OutputError: the file cannot be written, or the model is not valid; see `project_`.
         """
-        target = Path(path)
-        write_atomic(target / tensor_file.MODEL_FILE if target.is_dir() else target, self.pack())
+        target, content = Path(path), self.pack()
+        with new_file(target / tensor_file.MODEL_FILE if target.is_dir() else target) as temporary:
+            temporary.write_bytes(content)
 
     def pack(self) -> bytes:
         """The content of a model file.

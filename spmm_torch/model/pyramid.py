@@ -10,6 +10,7 @@ from torch import Tensor, nn
 
 from ..errors import OutputError
 from ..geometry.shapes import broadcast_shape
+from ..runtime.atomic import output_errors
 from .dense import traced
 from .queries import check_queries
 from .spmm import SPMM
@@ -59,7 +60,8 @@ class Pyramid(nn.Module):
         Raises:
             OutputError: a file cannot be written, or a level is not valid.
         """
-        Path(folder).mkdir(parents=True, exist_ok=True)
+        with output_errors(Path(folder)):
+            Path(folder).mkdir(parents=True, exist_ok=True)
         for number, level in enumerate(self._models()):
             level.save(Path(folder) / f"level{number}.safetensors")
 

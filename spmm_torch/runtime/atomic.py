@@ -41,7 +41,7 @@ def new_file(path: Path | str) -> Iterator[Path]:
         OutputError: the file cannot be written.
     """
     target = Path(path)
-    with _output_errors(target), replacing(target) as temporary:
+    with output_errors(target), replacing(target) as temporary:
         yield temporary
 
 
@@ -67,12 +67,28 @@ def new_folder(path: Path | str) -> Iterator[Path]:
         raise OutputError(f"{target} exists; expected a new name; choose one or remove it.")
     temporary = _temporary(target)
     try:
-        with _output_errors(target):
+        with output_errors(target):
             temporary.mkdir()
             yield temporary
             os.replace(temporary, target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def output_errors(target: Path) -> Iterator[None]:
+    """Turns errors of the system into an OutputError that names `target`.
+
+    Raises:
+        OutputError: the system refuses what the block under `with` does.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(
+            f"{target} cannot be written ({error}); expected a writable folder with enough space; "
+            f"choose another place."
+        ) from error
 
 
 def is_text(text: str) -> bool:
@@ -93,15 +109,3 @@ def zip_member(name: str) -> zipfile.ZipInfo:
 def _temporary(target: Path) -> Path:
     """A hidden name of this process beside the target."""
     return target.with_name(f".{target.name}.{os.getpid()}.tmp")
-
-
-@contextmanager
-def _output_errors(target: Path) -> Iterator[None]:
-    """Turns errors of the system into an OutputError."""
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(
-            f"{target} cannot be written ({error}); expected a writable folder with enough space; "
-            f"choose another place."
-        ) from error

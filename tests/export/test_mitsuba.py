@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from spmm_torch import SPMM
+from spmm_torch import SPMM, OutputError
 from spmm_torch.config.synthesis import FAST
 from spmm_torch.export import TARGETS, NoSettings
 from spmm_torch.export import mitsuba as target
@@ -47,6 +48,16 @@ def test_without_mitsuba_the_file_is_read_back(
     outcome = export(WHOLE, TARGETS["mitsuba"], tmp_path / "folder", NoSettings(), QUIET)
     assert outcome.left_out == (target.UNMEASURED,)
     assert isinstance(SPMM.load(tmp_path / "folder"), SPMM)
+
+
+def test_a_full_disk_names_the_export(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    with pytest.raises(OutputError, match=f"^{tmp_path / 'folder'} cannot be written"):
+        export(WHOLE, TARGETS["mitsuba"], tmp_path / "folder", NoSettings(), QUIET)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_name_cannot_break_the_scene() -> None:

@@ -99,6 +99,15 @@ def test_round_trip(levels: list[SPMM], tmp_path: Path) -> None:
         Pyramid.load(tmp_path)
 
 
+def test_a_folder_that_cannot_be_made_ends_in_a_sentence(
+    levels: list[SPMM], tmp_path: Path
+) -> None:
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file", tmp_path / "file" / "wool"):
+        with pytest.raises(OutputError, match=f"^{place} cannot be written .*; choose"):
+            Pyramid(levels).save(place)
+
+
 def test_no_level_is_refused() -> None:
     with pytest.raises(ValueError, match="without levels"):
         Pyramid([])

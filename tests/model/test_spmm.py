@@ -217,6 +217,14 @@ def test_round_trip(tmp_path: Path, counts: tuple[int, ...], precision: torch.dt
     assert SPMM.load(tmp_path / tensor_file.MODEL_FILE).pack() == model.pack()
 
 
+def test_a_file_that_cannot_be_written_ends_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "no" / "x.safetensors", tmp_path / "file" / "x.safetensors"):
+        with pytest.raises(OutputError, match=r"x.safetensors cannot be written .*; choose"):
+            build().save(place)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
 def test_a_horizon_needs_version_2(tmp_path: Path, model: SPMM) -> None:
     """Older readers, which would cut lobes hard, refuse the file; other files stay as they were."""
     model.horizon = 0.0
