@@ -16,6 +16,7 @@ from ...edit import Mask, Script, Step, lobe_group
 from ...errors import ConfigError
 from ...model.spmm import SPMM
 from ...runs.edited import save_edited_run, taken_apart
+from ...runtime.atomic import output_errors
 from .layers import Layer, Layers, layers_of
 from .sliders import BY_NAME, NEUTRAL, RELIEF, SLIDERS, Slider
 
@@ -176,8 +177,9 @@ class Session:
         place = target.with_name(f".{target.name}.again") if again else target
         save_edited_run(self.run, self.original, self.model(), self.script, place)
         if again:
-            shutil.rmtree(target)
-            os.replace(place, target)
+            with output_errors(target):
+                shutil.rmtree(target)
+                os.replace(place, target)
         self._saved.add(target)
 
     def usable(self) -> dict[str, bool]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -12,6 +14,7 @@ from spmm_torch.edit import Rectangle, Script
 from spmm_torch.edit.edits.intensity import Intensity
 from spmm_torch.edit.masks.cluster import ClusterMask
 from spmm_torch.errors import ConfigError, OutputError
+from spmm_torch.viz.editor import session as session_module
 from spmm_torch.viz.editor.session import Session
 from spmm_torch.viz.editor.sliders import NEUTRAL, RELIEF, SLIDERS, edits_of, values_of
 from tests.planted.models import DIFFUSE, planted_model, with_relief
@@ -186,6 +189,18 @@ def test_saved_again_replaces_what_this_session_saved(
     with pytest.raises(OutputError, match="exists"):
         session.save(tmp_path / "mine")
     assert not list(tmp_path.glob(".*"))
+
+
+def test_an_earlier_save_that_cannot_go_is_told(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    session.save(tmp_path / "run2")
+    monkeypatch.setattr(session_module, "shutil", SimpleNamespace(rmtree=fail))
+    with pytest.raises(OutputError, match=r"run2 cannot be written .*; choose another place"):
+        session.save(tmp_path / "run2")
 
 
 def test_sliders_without_lobes_are_not_usable(session: Session) -> None:
