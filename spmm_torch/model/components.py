@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn.functional import embedding_bag
 
 from ..geometry.shapes import broadcast_shape
+from .changes import changes
 from .measured_pairs import MeasuredPairs
 from .residual import encode_residual
 
@@ -189,11 +190,6 @@ def blended(
     mixed = embedding_bag(texel, coefficients, mode="sum", per_sample_weights=weight)  # [Q, R]
     value = embedding_bag(pair, functions, mode="sum", per_sample_weights=pair_weight)
     return torch.bmm(mixed[:, None], value.unflatten(1, (mixed.shape[1], -1))).squeeze(1)
-
-
-def changes(tensor: Tensor) -> int:
-    """How often a tensor `[...]` was changed in place; 0 of inference mode, which counts none."""
-    return 0 if tensor.is_inference() else tensor._version
 
 
 def encode_functions(values: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from ..lobes.ragged import stable_order
 from ..runtime.threads import side_by_side
-from .components import changes
+from .changes import changes
 from .lookup import SparseWeights, TexelBlocks, blocks_met
 
 if TYPE_CHECKING:

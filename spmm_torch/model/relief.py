@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from ..geometry.directions import REPEAT, RULES
 from ..geometry.neighbours import measured_alike
 from ..geometry.relief import HeightField, steepest
+from .changes import changes
 
 CODE_MAX = 255  # largest code of a height, which has one byte
 # Steepest view that is walked, |wo_xy| / wo_z: 83 degrees. Measured views are less grazing.
@@ -105,7 +106,8 @@ class Relief(nn.Module):
         """The heights over H x W texels, for the walk of rays.
 
         It is kept as long as the heights stay as they are and need no gradient. Changes through
-        `.data`, which torch does not count, are not seen.
+        `.data`, or in inference mode of heights made there, which torch does not count, are not
+        seen.
 
         Args:
             rows, columns: H and W.
@@ -116,7 +118,7 @@ class Relief(nn.Module):
         live = torch.is_grad_enabled() and height.requires_grad
         key = (
             height.data_ptr(),
-            height._version,
+            changes(height),
             height.dtype,
             rows,
             columns,

@@ -15,7 +15,7 @@ from ..geometry.relief import texel_centres
 from ..geometry.shapes import broadcast_shape
 from ..runtime.device import full_precision, plain_torch
 from . import dense, ragged, sampling
-from .components import changes
+from .changes import changes
 from .lookup import MergedEntries, all_blocks
 from .mixture import Mixture
 from .queries import check_queries

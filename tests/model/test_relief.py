@@ -260,6 +260,16 @@ def test_fields_are_kept_as_long_as_heights_stay(model: SPMM) -> None:
     assert relief.field(SIZE, SIZE, model.view).height.requires_grad
 
 
+def test_a_relief_made_in_inference_mode() -> None:
+    flat, given = flat_model(), queries(50)
+    expected = with_relief(flat, planted_relief(SIZE, SIZE))(*given)
+    with torch.inference_mode():
+        model = with_relief(flat, planted_relief(SIZE, SIZE))
+        assert torch.equal(model(*given), expected)
+        assert torch.equal(model(*given), expected)  # by the field that is kept
+    assert torch.equal(model(*given), expected)
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("rule", [REPEAT, MIRROR])
 def test_same_on_cuda(rule: str) -> None:

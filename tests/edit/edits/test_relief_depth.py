@@ -49,6 +49,12 @@ def test_heights_scale_about_their_mean(rough: SPMM) -> None:
     assert not torch.allclose(look(relief_depth(rough, 2.0)), look(rough), rtol=0.05)
 
 
+def test_a_model_edited_in_inference_mode_is_evaluated(rough: SPMM) -> None:
+    expected = look(relief_depth(rough, 2.0))
+    with torch.inference_mode():
+        assert torch.equal(look(relief_depth(rough, 2.0)), expected)
+
+
 def test_flat_is_the_mean_plane(rough: SPMM, model: SPMM) -> None:
     flat = relief_depth(rough, 0.0)
     plane = with_relief(model, Relief(None, 0.0, heights(rough).mean(), MIRROR))
