@@ -76,7 +76,7 @@ class StatusCounts:
     """Problems by solver and status; counts of several blocks, threads or ranks can be added.
 
     Attributes:
-        table: rows in the order of `Solver`, columns in that of `Status`, `[7, 4]` long.
+        table: rows in the order of `Solver`, columns in that of `Status`, `[8, 4]` long.
     """
 
     table: Tensor
