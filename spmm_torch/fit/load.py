@@ -16,6 +16,7 @@ from ..runs.fingerprint import fingerprint, key_of
 from ..runtime.context import Context
 from .glossy.kinds import has_kinds, kinds
 from .glossy.objective import Objective
+from .glossy.trial import STEPS
 from .plan import estimate
 from .problem import Problem
 from .weighting import compression, given_weights
@@ -94,7 +95,7 @@ def posed_apart(loaded: Loaded, config: FitConfig) -> list[tuple[Tensor, Problem
     every = torch.arange(btf.texel_count)
     if not has_kinds(btf, config) or not loaded.weights.uniform_but_for(btf.measured):
         return [(every, posed(loaded, config))]
-    stage = context.progress.stage("objective", btf.texel_count, "materials")
+    stage = context.progress.stage("objective", STEPS * btf.texel_count, "steps")
     with context.watch("objective"), stage as advance:
         parts = kinds(btf, config, context.device, advance)
     if len(parts) == 1:

@@ -27,6 +27,7 @@ from spmm_torch.fit.glossy.kinds import (
 from spmm_torch.fit.glossy.objective import Objective
 from spmm_torch.fit.glossy.peaks import DIELECTRIC as DIELECTRIC_F0
 from spmm_torch.fit.glossy.peaks import METAL as METAL_F0
+from spmm_torch.fit.glossy.trial import STEPS
 from spmm_torch.fit.load import load, posed_apart
 from spmm_torch.fit.solved import Solved, joined, joined_components
 from spmm_torch.geometry.directions import ring_directions
@@ -78,10 +79,10 @@ def fitted() -> FitResult:
 
 
 def known_kinds(btf: BTF, config: FitConfig) -> list[Kind]:
-    """The kinds of all materials, each of which is counted once."""
+    """The kinds of all materials, whose steps are all counted."""
     counts: list[int] = []
     found = kinds(btf, config, CPU, counts.append)
-    assert sum(counts) == btf.texel_count
+    assert sum(counts) == STEPS * btf.texel_count
     return found
 
 

@@ -21,7 +21,7 @@ from ...runtime.progress import Advance
 from .compression import BALANCED, L2
 from .measure import is_glossy
 from .peaks import unresolved
-from .trial import best_errors
+from .trial import STEPS, best_errors
 from .views import BY_VIEW
 
 MATT, GLOSSY, DIELECTRIC, METAL = "matt", "glossy", "mirrors of dielectrics", "mirrors of metal"
@@ -70,7 +70,7 @@ def kinds(btf: BTF, config: FitConfig, device: torch.device, advance: Advance) -
         btf: decoded.
         config: of the fit.
         device: of the computation.
-        advance: called with the number of materials whose kind has become known.
+        advance: receives `STEPS` units a material.
     """
     grid = DirectionGrid.build(btf.light, btf.view, device)
     width = config.search.min_width * grid.spacing
@@ -79,7 +79,7 @@ def kinds(btf: BTF, config: FitConfig, device: torch.device, advance: Advance) -
         for block in slices(btf.texel_count, block_texels(btf, device))
         for value in btf.signals(block, device)
     ]
-    advance(len(names) - names.count(GLOSSY))
+    advance(STEPS * (len(names) - names.count(GLOSSY)))
     names = _with_trial(names, btf, grid, config, device, advance)
     found = [
         Kind(name, torch.tensor([texel for texel, own in enumerate(names) if own == name]))
@@ -110,8 +110,7 @@ def _with_trial(
     glossy = torch.tensor([place for place, name in enumerate(names) if name == GLOSSY])
     told = list(names)
     for some in glossy.long().split(TRIED) if len(glossy) else ():
-        errors = best_errors(grid, btf.signals(some, device), config.search)
+        errors = best_errors(grid, btf.signals(some, device), config.search, advance)
         for place, error in zip(some.tolist(), errors, strict=True):
             told[place] = BY_ERROR[error]
-        advance(len(some))
     return told

@@ -17,6 +17,7 @@ from torch import Tensor
 from ...config.fit import SearchConfig
 from ...lobes.batch import Feasible
 from ...lobes.grid import DirectionGrid
+from ...runtime.progress import Advance
 from ..search.bank import build_bank
 from ..search.joint import CorrectiveSearch
 from .compression import BALANCED, L2, Compression, own_units
@@ -24,6 +25,8 @@ from .views import BY_VIEW
 
 # Texels of the trial, at most, and normals of its candidates, as for few samples.
 TEXELS, NORMALS = 8, 120
+# Searches of a texel at most, one for each of the errors.
+STEPS = 3
 # Relative squared errors of values and of cube roots that nobody sees: 30 and 20 dB.
 UNSEEN_VALUES, UNSEEN_ROOTS = 1e-3, 1e-2
 
@@ -37,10 +40,12 @@ def best_error(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> str
         search: settings of the search.
     """
     some = values[:: -(-len(values) // TEXELS)]
-    return Counter(best_errors(grid, some, search)).most_common(1)[0][0]
+    return Counter(best_errors(grid, some, search, lambda steps: None)).most_common(1)[0][0]
 
 
-def best_errors(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> list[str]:
+def best_errors(
+    grid: DirectionGrid, values: Tensor, search: SearchConfig, advance: Advance
+) -> list[str]:
     """The names of the errors that suit each of n texels: l2, by-view or balanced.
 
     Squared errors stay where they are right in cube roots, too, and errors relative to their view
@@ -51,13 +56,18 @@ def best_errors(grid: DirectionGrid, values: Tensor, search: SearchConfig) -> li
         grid: the measured pairs.
         values: of the texels, `[n, C, D]`.
         search: settings of the search.
+        advance: receives `STEPS` units a texel.
     """
     values = values / own_units(values)
-    plain, by_view = (_errors(grid, values, search, error) for error in (L2, BY_VIEW))
+    plain = _errors(grid, values, search, L2)
+    advance(len(values))
+    by_view = _errors(grid, values, search, BY_VIEW)
+    advance(len(values))
     stays = (plain.roots <= UNSEEN_ROOTS) & plain.is_below(by_view)
     suits = by_view.roots <= UNSEEN_ROOTS
     if not bool((stays | suits).all()):
         suits |= by_view.product() <= _errors(grid, values, search, BALANCED).product()
+    advance(len(values))
     pairs = zip(stays.tolist(), suits.tolist(), strict=True)
     return [L2 if plain_one else BY_VIEW if view else BALANCED for plain_one, view in pairs]
 
