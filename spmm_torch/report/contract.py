@@ -137,6 +137,7 @@ class Seconds:
     """Seconds by stage."""
 
     load: float | None = None
+    objective: float | None = None
     relief: float | None = None
     cluster: float | None = None
     search: float | None = None
