@@ -90,6 +90,7 @@ def report() -> dict[str, Any]:
         "materials": None,
         "seconds": {
             "load": 0.2,
+            "objective": 0.1,
             "relief": 2.5,
             "cluster": 1.0,
             "search": 21.5,
