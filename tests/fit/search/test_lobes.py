@@ -13,14 +13,21 @@ from spmm_torch.data.error_weights import UNIFORM
 from spmm_torch.fit.cluster import Samples
 from spmm_torch.fit.dictionary import FoundLobes
 from spmm_torch.fit.glossy.objective import Objective
+from spmm_torch.fit.load import load, posed
 from spmm_torch.fit.problem import Problem
-from spmm_torch.fit.search.joint import FEW_ROWS
+from spmm_torch.fit.search import joint
+from spmm_torch.fit.search.joint import FEW_ROWS, CorrectiveSearch
 from spmm_torch.fit.search.lobes import find_lobes, search_lobes, search_steps
+from spmm_torch.fit.search.mixtures import Mixtures
 from spmm_torch.geometry.directions import ring_directions
 from spmm_torch.lobes.batch import LobeBatch
 from spmm_torch.lobes.grid import DirectionGrid
 from spmm_torch.runtime.context import Context
+from spmm_torch.runtime.progress import Advance
+from spmm_torch.solvers.foba import Selection
+from tests.fit.glossy.test_peaks import lobe
 from tests.hard.cases import Planted, planted_texture
+from tests.planted.btfs import texel_btf
 from tests.planted.lobes import Lobe
 
 DIRECTIONS = ring_directions(((0.0, 1), (30.0, 6), (60.0, 10)))
@@ -160,3 +167,37 @@ def test_sums_of_lobes_of_the_paper_keep_these() -> None:
     found = find_lobes(problem, samples, torch.Generator(), lambda steps: None)
     assert names(found) == {"lambertian", "ward", "lafortune"}
     assert float(found.error.max()) < 1e-7
+
+
+@torch.no_grad()
+def test_errors_of_cube_roots_are_relative_to_their_own_energy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Products of lobes and signals tell squared errors, whatever error a lobe is judged by."""
+    grid = DirectionGrid.build(DIRECTIONS, DIRECTIONS, torch.device("cpu"))
+    values = torch.stack([grid.eval(lobe(width, 0.9)).T + 0.001 for width in (0.01, 0.014)])
+    settings = {"max_lobes": 2, "exchanges": 0, "restarts": 1, "bank_normals": 8}
+    settings |= {"models": ["lambertian", "cook_torrance"], "refine_steps": 1, "final_steps": 1}
+    config = FitConfig.from_dict({"search": settings, "device": "cpu"})
+    btf = texel_btf(values.expand(-1, -1, 3), DIRECTIONS)
+    problem = posed(load(btf, config, Context.build("cpu"), None), config)
+    assert problem.objective.error == "cube-root"
+    squared, relative = [], []
+    select, run = joint.select_foba, CorrectiveSearch.run
+
+    def selected(*products: torch.Tensor, **more: Any) -> Selection:
+        squared.append(products[2])
+        return select(*products, **more)
+
+    def searched(finder: CorrectiveSearch, advance: Advance) -> Mixtures:
+        found = run(finder, advance)
+        relative.append(found.loss / finder.energy)
+        return found
+
+    monkeypatch.setattr(joint, "select_foba", selected)
+    monkeypatch.setattr(CorrectiveSearch, "run", searched)
+    texels = torch.arange(SAMPLES)
+    found = find_lobes(problem, Samples(texels, texels), torch.Generator(), lambda steps: None)
+    signals = problem.signals(texels)
+    torch.testing.assert_close(squared[0], signals.double().square().sum((1, 2)), rtol=1e-5, atol=0)
+    torch.testing.assert_close(found.error.unique(), relative[0].unique())
