@@ -11,7 +11,6 @@ from ..config.fit import FitConfig
 from ..data import BTF, obeying
 from ..data.error_weights import Weights
 from ..data.scattered_btf import ScatteredBTF
-from ..errors import ConfigError
 from ..evaluate import Looks, looks
 from ..model.spmm import SPMM
 from ..report.contract import Report
@@ -91,8 +90,7 @@ def fit(
     btf = obeying(btf, config.data, config.seed)
     with torch.no_grad(), full_precision(), context.watch("total"):
         if isinstance(btf, ScatteredBTF):
-            _check_uniform(weights)
-            solved, pictures = fit_samples(btf, config, context), None
+            solved, pictures = fit_samples(btf, config, context, weights), None
         else:
             solved = _fit_grid(btf, config, context, weights)
             has_pictures = render and btf.names is None
@@ -122,15 +120,6 @@ def fit(
         "lobes_found": solved.lobes_found,
     }
     return FitResult(solved.model, figures, info, pictures)
-
-
-def _check_uniform(weights: Weights | None) -> None:
-    """Refuses weights of pairs or texels of scattered samples, which have no grid of them."""
-    if weights is not None and not weights.uniform:
-        raise ConfigError(
-            "weights of errors were given to a fit of scattered samples; expected None, as they "
-            "need a grid of lights and views; leave them out."
-        )
 
 
 def _fit_grid(btf: BTF, config: FitConfig, context: Context, weights: Weights | None) -> Solved:

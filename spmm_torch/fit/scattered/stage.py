@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 
 from ...config.fit import FitConfig, WeightsConfig
-from ...data.error_weights import UNIFORM
+from ...data.error_weights import UNIFORM, Weights
 from ...data.scattered_btf import ScatteredBTF
 from ...data.units import unit_of
 from ...errors import ConfigError
@@ -33,19 +33,22 @@ from .search import Task, distinct_lobes, found_lobes, search_tasks
 from .select import fit_lists
 
 
-def fit_samples(btf: ScatteredBTF, config: FitConfig, context: Context) -> Solved:
+def fit_samples(
+    btf: ScatteredBTF, config: FitConfig, context: Context, weights: Weights | None
+) -> Solved:
     """Fits a model to scattered samples.
 
     Args:
         btf: the input, in its own unit.
         config: of the fit.
         context: of the run.
+        weights: those that were given; None or uniform, as others need a grid.
 
     Raises:
-        ConfigError: a setting needs a grid, or several processes share the run.
+        ConfigError: a setting or the weights need a grid, or several processes share the run.
         DataError: values are not valid.
     """
-    _check(config, context)
+    _check(config, context, weights)
     context = keyed(context, btf, config, UNIFORM)
     with context.watch("load"):
         btf.load()
@@ -84,8 +87,8 @@ def described(btf: ScatteredBTF) -> str:
     )
 
 
-def _check(config: FitConfig, context: Context) -> None:
-    """Refuses settings that need a grid."""
+def _check(config: FitConfig, context: Context, weights: Weights | None) -> None:
+    """Refuses settings and weights that need a grid."""
     given = WeightsConfig(error=config.weights.error, floor=config.weights.floor)
     needs = {
         "weights.scene and weights.file": config.weights != given,
@@ -98,6 +101,11 @@ def _check(config: FitConfig, context: Context) -> None:
                 f"{name} of the settings needs a grid of lights and views, and the input holds "
                 f"scattered samples; expected it unset; leave it out."
             )
+    if weights is not None and not weights.uniform:
+        raise ConfigError(
+            "weights of errors were given to a fit of scattered samples; expected None, as they "
+            "need a grid of lights and views; leave them out."
+        )
     if context.ranks.size > 1:
         raise ConfigError(
             f"{context.ranks.size} processes share this fit, whose input holds scattered samples; "

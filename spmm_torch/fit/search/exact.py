@@ -61,6 +61,7 @@ class ExactErrors:
         factor = pair.double().cpu() / compression.curvature(compression.size)
         return cls(grid, compression, values, factor.to(values), peak, resolved)
 
+    @cached_property
     def energy(self) -> Tensor:
         """The error of each sample without any lobe, `[S]` float64."""
         rows = torch.arange(len(self.values), device=self.values.device)

@@ -67,7 +67,7 @@ class CorrectiveSearch:
     @cached_property
     def energy(self) -> Tensor:
         """Error of each sample without lobes, its squared norm where errors are, `[S]` float64."""
-        return self.squared_norm if self.exact is None else self.exact.energy()
+        return self.squared_norm if self.exact is None else self.exact.energy
 
     @cached_property
     def squared_norm(self) -> Tensor:

@@ -79,7 +79,7 @@ def find_lobes(
     else:
         exact = _exact(scene, samples)
         mixtures, counts = _corrective(scene, exact, advance)
-        energy = energy if exact is None else exact.energy()
+        energy = energy if exact is None else exact.energy
     used = _used(mixtures)
     if peak is None:
         lobes = grid.decode(mixtures.model[used], mixtures.coordinates[used])
